@@ -1,0 +1,1 @@
+"""taichi_jello: real-time mass-spring jello. Importing it opens no window and starts no Taichi runtime."""

@@ -1,0 +1,1 @@
+"""Rigid obstacles, one kind per file: its description, its signed distance and its drawn surface."""

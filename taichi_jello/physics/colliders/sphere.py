@@ -1,0 +1,67 @@
+"""A ball, still or moving."""
+
+from dataclasses import dataclass
+from math import pi, sin
+from typing import Any, ClassVar
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.scene import Collider, Vector, number, vector
+
+
+@ti.func
+def signed_distance(p, shape):
+    """(normal, distance) of the point `p` relative to the centre; `shape[3]` is the radius.
+
+    At the very centre every direction is as good; up is taken, so that the force stays finite.
+    """
+    length = p.norm()
+    n = ti.Vector([0.0, 1.0, 0.0])
+    if length > 1e-12:
+        n = p / length
+    return ti.Vector([n[0], n[1], n[2], length - shape[3]])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sphere(Collider):
+    """A ball of `radius` [m]. Its centre [m] moves with `velocity` [m/s] and swings by `swing` [m] every `period` [s]:
+    center + velocity·t + swing·sin(2πt/period). Within a frame it moves in a straight line."""
+
+    type: ClassVar[str] = "sphere"
+    signed_distance: ClassVar[Any] = staticmethod(signed_distance)
+    center: Vector = (0.0, 0.0, 0.0)
+    radius: float = 0.5
+    velocity: Vector = (0.0, 0.0, 0.0)
+    swing: Vector = (0.0, 0.0, 0.0)
+    period: float = 1.0
+
+    def check(self) -> dict[str, Any]:
+        return {name: vector(name, getattr(self, name)) for name in ("center", "velocity", "swing")} | {
+            "radius": number("radius", self.radius, above=0.0),
+            "period": number("period", self.period, above=0.0),
+        }
+
+    def origin(self, time: float) -> np.ndarray:
+        wave = sin(2.0 * pi * (time / self.period % 1.0))
+        return np.array(self.center) + np.array(self.velocity) * time + np.array(self.swing) * wave
+
+    def rows(self, start: float, end: float) -> np.ndarray:
+        here = self.origin(start)
+        velocity = (self.origin(end) - here) / (end - start)
+        return np.array([[*here, *velocity, 0.0, 0.0, 0.0, self.radius]])
+
+    def mesh(self, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """A cube of 16×16 quads a side, pushed onto the sphere."""
+        from taichi_jello.physics.colliders.plane import grid
+
+        faces = []
+        for axis in range(3):
+            for sign in (-1.0, 1.0):
+                n, u, v = np.roll(np.eye(3), -axis, axis=0) * np.array([[sign], [1.0], [1.0]])
+                u, v = (u, v) if sign > 0 else (v, u)
+                faces.append(grid(n, u, v, (1.0, 1.0), 2 / 16)[:2])
+        starts = np.cumsum([0] + [len(vertices) for vertices, _ in faces])
+        points = np.tan(np.concatenate([vertices for vertices, _ in faces]) * (pi / 4))
+        points *= self.radius / np.linalg.norm(points, axis=1, keepdims=True)
+        return points, np.concatenate([t + s for (_, t), s in zip(faces, starts, strict=False)]).astype(np.int32)

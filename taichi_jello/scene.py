@@ -1,0 +1,269 @@
+"""What a person asks for: frozen descriptions in SI units, y up, checked when they are made.
+
+Nothing here knows Taichi. A wrong value raises `SceneError`, which names the key and what was expected.
+The names are those of the TOML format, so that one description serves Python, files and `--set`.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from math import isfinite
+from typing import Any, ClassVar
+
+import numpy as np
+
+FAMILIES = ("structural", "shear", "bend")
+Vector = tuple[float, float, float]
+
+
+class SceneError(ValueError):
+    """A scene that cannot be: `key` says where, `problem` what was expected and what was found."""
+
+    def __init__(self, key: str, problem: str):
+        super().__init__(f"{key}: {problem}" if key else problem)
+        self.key, self.problem = key, problem
+
+    def within(self, prefix: str) -> "SceneError":
+        """The same error seen from the table that holds it."""
+        return SceneError(f"{prefix}.{self.key}" if self.key else prefix, self.problem)
+
+
+def number(key: str, value: Any, *, low: float = -np.inf, above: float = -np.inf) -> float:
+    """`value` as a finite float, at least `low` and more than `above`."""
+    wanted = "a finite number"
+    if above > -np.inf:
+        wanted += f" greater than {above:g}"
+    elif low > -np.inf:
+        wanted += f" of at least {low:g}"
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+        raise SceneError(key, f"expected {wanted}, got {value!r}")
+    if not isfinite(value) or value < low or value <= above:
+        raise SceneError(key, f"expected {wanted}, got {value:g}")
+    return float(value)
+
+
+def whole(key: str, value: Any, *, low: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < low:
+        raise SceneError(key, f"expected a whole number of at least {low}, got {value!r}")
+    return int(value)
+
+
+def vector(key: str, value: Any, **limits: float) -> Vector:
+    if isinstance(value, str) or not isinstance(value, (Sequence, np.ndarray)) or len(value) != 3:
+        raise SceneError(key, f"expected three numbers [x, y, z], got {value!r}")
+    x, y, z = (number(f"{key}.{axis}", part, **limits) for axis, part in enumerate(value))
+    return (x, y, z)
+
+
+def word(key: str, value: Any, allowed: Sequence[str] | None = None) -> str:
+    if not isinstance(value, str):
+        raise SceneError(key, f"expected text, got {value!r}")
+    if allowed is not None and value not in allowed:
+        raise SceneError(key, f"expected one of {', '.join(allowed)}, got {value!r}")
+    return value
+
+
+def by_family(key: str, value: Any) -> Any:
+    """One number for all springs, or a table with a number for each family that is named."""
+    if isinstance(value, dict):
+        for family in value:
+            word(key, family, FAMILIES)
+        return {family: number(f"{key}.{family}", one, low=0.0) for family, one in value.items()}
+    return number(key, value, low=0.0)
+
+
+class Checked:
+    """A frozen dataclass whose `check` returns the normalised value of its fields by name."""
+
+    def check(self) -> dict[str, Any]:
+        raise TypeError(f"{type(self).__name__} must define check()")
+
+    def __post_init__(self) -> None:
+        for name, value in self.check().items():
+            object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solver(Checked):
+    """How time is cut: `method` by name, `dt` [s] or "auto", one drawn frame every `frame_dt` [s]."""
+
+    method: str = "rk4"
+    dt: float | str = "auto"
+    frame_dt: float = 1.0 / 60.0
+
+    def check(self) -> dict[str, Any]:
+        if isinstance(self.dt, str) and self.dt != "auto":
+            raise SceneError("dt", f'expected "auto" or seconds, got {self.dt!r}')
+        return {
+            "method": word("method", self.method),
+            "dt": self.dt if self.dt == "auto" else number("dt", self.dt, above=0.0),
+            "frame_dt": number("frame_dt", self.frame_dt, above=0.0),
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact(Checked):
+    """The penalty spring [N/m], dashpot [N·s/m] and Coulomb coefficient of every touching point."""
+
+    stiffness: float = 2000.0
+    damping: float = 0.5
+    friction: float = 0.3
+
+    def check(self) -> dict[str, Any]:
+        return {name: number(name, getattr(self, name), low=0.0) for name in ("stiffness", "damping", "friction")}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera(Checked):
+    """Where a picture is taken from: the eye, the point looked at [m] and the vertical field of view [degrees]."""
+
+    eye: Vector = (2.6, 1.9, 3.6)
+    target: Vector = (0.0, 0.6, 0.0)
+    fov: float = 40.0
+
+    def check(self) -> dict[str, Any]:
+        checked = {"eye": vector("eye", self.eye), "target": vector("target", self.target)}
+        if checked["eye"] == checked["target"]:
+            raise SceneError("eye", "expected a point away from the target")
+        return checked | {"fov": number("fov", self.fov, above=0.0)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collider(Checked):
+    """A rigid obstacle. A subclass in `physics/colliders` names its `type` and says how it is touched and drawn."""
+
+    type: ClassVar[str]
+
+    def rows(self, start: float, end: float) -> np.ndarray:
+        """(n, 10): for each of its surfaces the origin at time `start` [m], the velocity that carries it to its
+        place at time `end` [m/s], and four numbers for `signed_distance`."""
+        raise TypeError(f"{type(self).__name__} must define rows()")
+
+    def mesh(self, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices (V, 3) [m] relative to its origin and triangles (T, 3) to draw; `reach` [m] bounds endless ones."""
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
+
+    def edges(self, reach: float) -> np.ndarray:
+        """Line segments (E, 2, 3) [m] relative to its origin to draw."""
+        return np.zeros((0, 2, 3))
+
+    def origin(self, time: float) -> np.ndarray:
+        """(3,) what `mesh` and `edges` are relative to at `time` [s]."""
+        return np.zeros(3)
+
+    def floor(self) -> float | None:
+        """The height [m] of a level floor that shadows fall on, if it has one."""
+        return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Force(Checked):
+    """An external force of its own table in the scene. A subclass in `physics/forces` names its `key`."""
+
+    key: ClassVar[str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pin(Checked):
+    """Points held still: those whose rest position, 0 to 1 along each axis of the shape, lies in the box."""
+
+    min: Vector = (0.0, 0.0, 0.0)
+    max: Vector = (1.0, 1.0, 1.0)
+
+    def check(self) -> dict[str, Any]:
+        low, high = vector("min", self.min), vector("max", self.max)
+        if any(a > b for a, b in zip(low, high, strict=True)):
+            raise SceneError("max", f"expected at least min {list(low)} on every axis, got {list(high)}")
+        return {"min": low, "max": high}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Jello(Checked):
+    """One soft body. A subclass in `shapes` names its `shape` and builds the points and springs.
+
+    position [m] of its centre, rotation [degrees about x, then y, then z], velocity [m/s], spin [rad/s],
+    mass [kg] of the whole, stiffness [N/m] and damping [N·s/m] of each spring or a table by family.
+    """
+
+    shape: ClassVar[str]
+    position: Vector = (0.0, 0.0, 0.0)
+    rotation: Vector = (0.0, 0.0, 0.0)
+    velocity: Vector = (0.0, 0.0, 0.0)
+    spin: Vector = (0.0, 0.0, 0.0)
+    mass: float = 1.0
+    springs: tuple[str, ...] = FAMILIES
+    stiffness: Any = 200.0
+    damping: Any = 0.25
+    pin: tuple[Pin, ...] = ()
+
+    def check(self) -> dict[str, Any]:
+        if isinstance(self.springs, str) or not isinstance(self.springs, Sequence):
+            raise SceneError("springs", f"expected a list of {', '.join(FAMILIES)}, got {self.springs!r}")
+        return {name: vector(name, getattr(self, name)) for name in ("position", "rotation", "velocity", "spin")} | {
+            "mass": number("mass", self.mass, above=0.0),
+            "springs": tuple(word("springs", family, FAMILIES) for family in self.springs),
+            "stiffness": by_family("stiffness", self.stiffness),
+            "damping": by_family("damping", self.damping),
+            "pin": tuple(self.pin),
+        }
+
+    def coefficient(self, name: str, family: str) -> float:
+        """`stiffness` or `damping` of one family; a family missing from a table has none."""
+        value = getattr(self, name)
+        return value.get(family, 0.0) if isinstance(value, dict) else value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene(Checked):
+    """A whole world: gravity [m/s²], drag [1/s], headless length `seconds`, jellos, colliders and external forces."""
+
+    title: str = ""
+    gravity: Vector = (0.0, -9.81, 0.0)
+    drag: float = 0.0
+    seconds: float = 4.0
+    solver: Solver = field(default_factory=Solver)
+    contact: Contact = field(default_factory=Contact)
+    camera: Camera = field(default_factory=Camera)
+    collider: tuple[Collider, ...] = ()
+    jello: tuple[Jello, ...] = ()
+    force: tuple[Force, ...] = ()
+
+    def check(self) -> dict[str, Any]:
+        if not self.jello:
+            raise SceneError("jello", "expected at least one jello, the scene is empty")
+        for name, kind in (("collider", Collider), ("jello", Jello), ("force", Force)):
+            for index, part in enumerate(getattr(self, name)):
+                if not isinstance(part, kind):
+                    raise SceneError(f"{name}.{index}", f"expected a {kind.__name__}, got {part!r}")
+        return {
+            "title": word("title", self.title),
+            "gravity": vector("gravity", self.gravity),
+            "drag": number("drag", self.drag, low=0.0),
+            "seconds": number("seconds", self.seconds, low=0.0),
+            "collider": tuple(self.collider),
+            "jello": tuple(self.jello),
+            "force": tuple(self.force),
+        }
+
+
+def override(part: Any, path: Sequence[str], value: Any, key: str = "") -> Any:
+    """A copy of `part` with the value at `path` ("jello", "0", "stiffness") replaced and everything checked again."""
+    head, *rest = path
+    key = f"{key}.{head}" if key else head
+    if dataclasses.is_dataclass(part) and not isinstance(part, type):
+        names = [f.name for f in fields(part)]
+        if head not in names:
+            raise SceneError(key, f"unknown key, expected one of {', '.join(names)}")
+        new = override(getattr(part, head), rest, value, key) if rest else value
+        try:
+            return dataclasses.replace(part, **{head: new})
+        except SceneError as error:
+            raise error.within(key.rpartition(".")[0]) if "." in key else error from None
+    if isinstance(part, tuple):
+        if not head.isdigit() or int(head) >= len(part):
+            raise SceneError(key, f"expected an index from 0 to {len(part) - 1}")
+        new = override(part[int(head)], rest, value, key) if rest else value
+        return (*part[: int(head)], new, *part[int(head) + 1 :])
+    if isinstance(part, dict) and not rest:
+        return part | {head: value}
+    raise SceneError(key, "unknown key")
