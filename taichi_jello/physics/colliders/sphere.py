@@ -17,9 +17,8 @@ def signed_distance(p, shape):
     At the very centre every direction is as good; up is taken, so that the force stays finite.
     """
     length = p.norm()
-    n = ti.Vector([0.0, 1.0, 0.0])
-    if length > 1e-12:
-        n = p / length
+    middle = length < 1e-12
+    n = ti.select(middle, ti.Vector([0.0, 1.0, 0.0]), p / ti.select(middle, 1.0, length))
     return ti.Vector([n[0], n[1], n[2], length - shape[3]])
 
 

@@ -1,0 +1,45 @@
+"""What every force on particles offers to the system."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from taichi_jello.physics.particles import Particles
+from taichi_jello.scene import Scene
+
+
+@dataclass(frozen=True)
+class Rates:
+    """How fast a force can make the particles move, in whatever configuration.
+
+    squared_frequency [1/s²] bounds the eigenvalues of M⁻¹K and damping [1/s] those of M⁻¹C from above;
+    damping_time [s] bounds C/K from below on all that this force makes swing (infinity if it makes nothing swing).
+    """
+
+    squared_frequency: float = 0.0
+    damping: float = 0.0
+    damping_time: float = float("inf")
+
+
+class ParticleForce:
+    """A force on single particles. A subclass answers in `made_for` what a scene needs of it: often nothing.
+
+    It defines `@ti.func on(self, i, x, v, t)`, the force [N] on particle i for the fields x, v of all particles at
+    `t` seconds after the current frame began, or, with `in_passes`, `@ti.func on_pass(self, p, x, v, t, f)`, which adds
+    the forces on all particles of pass p (see Memory.lanes) to f; and, if `energy_kind` is set,
+    `@ti.func energy(self, i, x)` [J].
+    """
+
+    title: ClassVar[str]
+    energy_kind: ClassVar[str | None] = None
+    reads_velocity: bool = False
+    in_passes: ClassVar[bool] = False
+
+    @classmethod
+    def made_for(cls, scene: Scene, particles: Particles) -> list[Any]:
+        raise TypeError(f"{cls.__name__} must define made_for()")
+
+    def rates(self) -> Rates:
+        return Rates()
+
+    def begin_frame(self, start: float, end: float) -> None:
+        """Bring live values up to date for the frame from `start` to `end` [s]."""

@@ -1,0 +1,154 @@
+"""Penalty contact of particles with the scene's colliders: spring, dashpot and Coulomb friction (workshop, "Collisions")."""
+
+from dataclasses import dataclass
+from math import hypot, sqrt
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.physics.forces._base import ParticleForce, Rates
+
+
+@ti.func
+def pressure(depth, speed, stiffness, damping):
+    """The normal force [N] on a particle `depth` [m] behind a surface and moving out of it at `speed` [m/s]: a spring
+    of rest length 0 and a dashpot along the outward normal, never pulling."""
+    return ti.max(0.0, stiffness * depth - damping * speed)
+
+
+@ti.func
+def rub(pressed, u, friction, grip):
+    """Friction [N] of a particle pressed with `pressed` [N] that slides at `u` [m/s]. It opposes u with magnitude
+    μN·g|u|/√(g²|u|² + μ²N²): Coulomb's μN when sliding, viscous with g [N·s/m] when almost at rest."""
+    limit = friction * pressed
+    return -limit * grip / ti.sqrt(grip * grip * u.dot(u) + limit * limit + 1e-30) * u
+
+
+@dataclass(frozen=True)
+class Group:
+    """Rows `start` to `stop` of the surfaces share one signed distance."""
+
+    signed_distance: Any
+    start: int
+    stop: int
+
+
+@ti.data_oriented
+class PenaltyContact(ParticleForce):
+    title = "contact"
+    energy_kind = "contact"
+    in_passes = True
+    reads_velocity = True
+
+    def __init__(self, scene, particles):
+        self.particles, self.colliders, self.contact = particles, self._sorted(scene.collider), scene.contact
+        self.lanes, self.Lanes = particles.memory.lanes, particles.memory.lane_vector
+        counts = [len(c.rows(0.0, 1.0)) for c in self.colliders]
+        ends = np.cumsum(counts)
+        groups: list[Group] = []
+        for collider, count, end in zip(self.colliders, counts, ends, strict=True):
+            if groups and groups[-1].signed_distance is collider.signed_distance:
+                groups[-1] = Group(collider.signed_distance, groups[-1].start, int(end))
+            else:
+                groups.append(Group(collider.signed_distance, int(end - count), int(end)))
+        self.groups = tuple(groups)
+        # The viscous part of friction may be as stiff as the contact spring is, no stiffer: see rates().
+        self.grip = sqrt(scene.contact.stiffness * float(particles.body.mass.min()))
+        self.rows = particles.memory.table(self.title, "surfaces", self._rows(0.0, scene.solver.frame_dt))
+        self.moving = not np.array_equal(self._rows(0.0, 1.0), self._rows(1.0, 2.0)) or any(
+            np.any(row[3:6]) for row in self._rows(0.0, 1.0)
+        )
+
+    @classmethod
+    def made_for(cls, scene, particles):
+        return [cls(scene, particles)] if scene.collider and scene.contact.stiffness > 0.0 else []
+
+    @staticmethod
+    def _sorted(colliders):
+        kinds = list(dict.fromkeys(c.signed_distance for c in colliders))
+        return sorted(colliders, key=lambda c: kinds.index(c.signed_distance))
+
+    def _rows(self, start, end):
+        return np.concatenate([c.rows(start, end) for c in self.colliders])
+
+    def begin_frame(self, start, end):
+        if self.moving:
+            self.rows.from_numpy(self._rows(start, end).astype(self.particles.memory.number))
+
+    @ti.func
+    def touch(self, distance: ti.template(), r, i, x, t):
+        """(normal, signed distance) of particle i at surface r."""
+        row = self.rows[r]
+        place = ti.Vector([row[0], row[1], row[2]]) + t * ti.Vector([row[3], row[4], row[5]])
+        return distance(x[i] - place, ti.Vector([row[6], row[7], row[8], row[9]]))
+
+    @ti.func
+    def on(self, i, x, v, t):
+        force = ti.Vector([0.0, 0.0, 0.0])
+        for group in ti.static(self.groups):
+            for r in range(group.start, group.stop):
+                touch = self.touch(group.signed_distance, r, i, x, t)
+                if touch[3] < 0.0:
+                    n = ti.Vector([touch[0], touch[1], touch[2]])
+                    relative = v[i] - ti.Vector([self.rows[r][3], self.rows[r][4], self.rows[r][5]])
+                    speed = relative.dot(n)
+                    pressed = pressure(-touch[3], speed, self.contact.stiffness, self.contact.damping)
+                    force += pressed * n
+                    if ti.static(self.contact.friction > 0.0):
+                        force += rub(pressed, relative - speed * n, self.contact.friction, self.grip)
+        return force
+
+    @ti.func
+    def on_pass(self, p, x, v, t, f):
+        """First, without a branch, how near each particle of the pass is to any surface; most passes are done then."""
+        first = p * self.lanes
+        nearest = self.Lanes(1.0)
+        for group in ti.static(self.groups):
+            for r in range(group.start, group.stop):
+                for lane in range(self.lanes):
+                    nearest[lane] = ti.min(nearest[lane], self.touch(group.signed_distance, r, first + lane, x, t)[3])
+        least = ti.cast(1.0, float)
+        for lane in range(self.lanes):
+            least = ti.min(least, nearest[lane])
+        if least < 0.0:
+            for lane in range(self.lanes):
+                if nearest[lane] < 0.0:
+                    f[first + lane] += self.on(first + lane, x, v, t)
+
+    @ti.func
+    def energy(self, i, x):
+        """½ k depth², at the beginning of the frame."""
+        total = ti.cast(0.0, float)
+        for group in ti.static(self.groups):
+            for r in range(group.start, group.stop):
+                depth = ti.max(0.0, -self.touch(group.signed_distance, r, i, x, 0.0)[3])
+                total += 0.5 * self.contact.stiffness * depth * depth
+        return total
+
+    def rates(self):
+        """Friction's force follows the depth too, which turns k into k√(1 + μ²); its viscous part counts as damping
+        across the normal, where the dashpot does not act."""
+        together = self._most_at_once()
+        inverse_mass = 1.0 / float(self.particles.body.mass.min())
+        k, c = self.contact.stiffness, self.contact.damping
+        sideways = self.grip if self.contact.friction > 0.0 else 0.0
+        return Rates(
+            squared_frequency=together * k * hypot(1.0, self.contact.friction) * inverse_mass,
+            damping=together * max(c, sideways) * inverse_mass,
+            damping_time=c / k,
+        )
+
+    def _most_at_once(self):
+        """How many colliders can press one particle along one direction at once. The planes of one room are square
+        to each other (opposite ones cannot meet), and two still spheres apart from each other never do."""
+        apart = [[self._never_meet(a, b) for b in self.colliders] for a in self.colliders]
+        return max(sum(not apart[i][j] for j in range(len(apart))) for i in range(len(apart)))
+
+    @staticmethod
+    def _never_meet(a, b):
+        reach = getattr(a, "radius", None), getattr(b, "radius", None)
+        if None in reach:
+            return False
+        still = all(np.array_equal(s.origin(0.0), s.origin(time)) for s in (a, b) for time in (0.37, 1.0))
+        return still and np.linalg.norm(a.origin(0.0) - b.origin(0.0)) > sum(reach)

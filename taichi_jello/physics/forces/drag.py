@@ -1,0 +1,25 @@
+"""Drag of a still medium, F = -m γ v, which slows everything at the same rate γ [1/s]."""
+
+import taichi as ti
+
+from taichi_jello.physics.forces._base import ParticleForce, Rates
+
+
+@ti.data_oriented
+class Drag(ParticleForce):
+    title = "drag"
+    reads_velocity = True
+
+    def __init__(self, particles, rate):
+        self.particles, self.rate = particles, rate
+
+    @classmethod
+    def made_for(cls, scene, particles):
+        return [cls(particles, scene.drag)] if scene.drag else []
+
+    @ti.func
+    def on(self, i, x, v, t):
+        return -self.rate * self.particles.mass(i) * v[i]
+
+    def rates(self):
+        return Rates(damping=self.rate)

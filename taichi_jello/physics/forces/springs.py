@@ -1,0 +1,98 @@
+"""Hooke's force with a dashpot along the spring (workshop Eq. 3 and 4), gathered by each particle."""
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.physics.bounds import largest_eigenvalue
+from taichi_jello.physics.forces._base import ParticleForce, Rates
+from taichi_jello.physics.gather import pack
+from taichi_jello.physics.state import LANES
+
+
+@ti.func
+def hooke(inverse_length, stiffness, rest_length):
+    """The factor s of Hooke's force F = s d towards a neighbour at distance d: k(|d| - R)/|d| (workshop Eq. 3)."""
+    return stiffness * (1.0 - rest_length * inverse_length)
+
+
+@ti.func
+def dashpot(inverse_length, d, w, damping):
+    """The factor s of the dashpot's force F = s d for a neighbour that moves at w [m/s] relative to the particle:
+    c (w · n)/|d| with n = d/|d| (workshop Eq. 4). It acts along the spring only."""
+    return damping * w.dot(d) * inverse_length * inverse_length
+
+
+@ti.data_oriented
+class Springs(ParticleForce):
+    title = "springs"
+    energy_kind = "elastic"
+    in_passes = True
+
+    def __init__(self, particles):
+        body, memory = particles.body, particles.memory
+        packed = pack(body)
+        # A distance too small to show beside any other makes a spring of no length push along its rest direction.
+        tiny = 1e-15 if memory.owner.precision == "f32" else 1e-100
+        packed.materials[:, 3:] *= tiny
+        self.body = body
+        self.damped = self.reads_velocity = bool(body.damping.any())
+        self.lanes, self.Lanes = memory.lanes, memory.lane_vector
+        for name in ("start", "shift", "mask", "material", "materials"):
+            setattr(self, name, memory.table(self.title, name, getattr(packed, name)))
+
+    @classmethod
+    def made_for(cls, scene, particles):
+        return [cls(particles)] if len(particles.body.springs) else []
+
+    @ti.func
+    def along(self, e, i, j, x, v):
+        """The force on particle i of its spring to j, whose entry is e."""
+        m = self.materials[self.material[e]]
+        d = x[j] - x[i] + ti.Vector([m[3], m[4], m[5]])
+        inverse_length = 1.0 / ti.sqrt(d.dot(d))
+        s = hooke(inverse_length, m[0], m[1])
+        if ti.static(self.damped):
+            s += dashpot(inverse_length, d, v[j] - v[i], m[2])
+        return s * d
+
+    @ti.func
+    def on_pass(self, p, x, v, t, f):
+        """Add the springs of the particles of pass p to f. The loop over lanes has no branch, and only local arrays
+        are stored to, so LLVM vectorises it; a particle without the spring adds zero."""
+        fx, fy, fz = self.Lanes(0.0), self.Lanes(0.0), self.Lanes(0.0)
+        first = p * self.lanes
+        for e in range(self.start[first // LANES], self.start[first // LANES + 1]):
+            mask, shift = self.mask[e], self.shift[e]
+            for lane in range(self.lanes):
+                i = first + lane
+                force = self.along(e, i, i + shift, x, v)
+                has = (mask >> ((first & (LANES - 1)) + lane)) & 1
+                fx[lane] += ti.select(has, force[0], 0.0)
+                fy[lane] += ti.select(has, force[1], 0.0)
+                fz[lane] += ti.select(has, force[2], 0.0)
+        for lane in range(self.lanes):
+            f[first + lane] += ti.Vector([fx[lane], fy[lane], fz[lane]])
+
+    @ti.func
+    def energy(self, i, x):
+        """Half of ½ k (|d| - R)² for each spring of particle i; its other end books the other half."""
+        total = ti.cast(0.0, float)
+        for e in range(self.start[i // LANES], self.start[i // LANES + 1]):
+            if (self.mask[e] >> (i % LANES)) & 1:
+                m = self.materials[self.material[e]]
+                stretch = (x[i + self.shift[e]] - x[i]).norm() - m[1]
+                total += 0.25 * m[0] * stretch * stretch
+        return total
+
+    def rates(self):
+        """For every configuration a spring's stiffness matrix is at most k I and its damping matrix at most c I, so
+        the weighted graph Laplacians of the network bound both."""
+        body = self.body
+        stiff, damped = body.stiffness > 0.0, body.damping > 0.0
+        ratio = body.damping[stiff] / body.stiffness[stiff]
+        inverse_mass = np.where(body.pinned, 0.0, 1.0 / body.mass)
+        return Rates(
+            squared_frequency=largest_eigenvalue(body.springs[stiff], body.stiffness[stiff], inverse_mass),
+            damping=largest_eigenvalue(body.springs[damped], body.damping[damped], inverse_mass),
+            damping_time=float(ratio.min()) if len(ratio) else np.inf,
+        )

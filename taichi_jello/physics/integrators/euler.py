@@ -1,0 +1,9 @@
+"""Explicit Euler (workshop Eq. 5): every slope taken at the beginning of the step. Unstable without damping."""
+
+from taichi_jello.physics.integrators._runge_kutta import RungeKutta
+
+
+class Euler(RungeKutta):
+    name, order, safety = "euler", 1, 0.9
+    a = ((),)
+    b = (1.0,)

@@ -1,0 +1,65 @@
+"""Velocity Verlet, the dashpots by the trapezoid rule: v' = v + dt/2 [a(x, v) + a(x', v')]."""
+
+import taichi as ti
+
+from taichi_jello.physics.integrators._base import Integrator, oscillator_matrix
+
+# v' stands on both sides. Three rounds of putting the last v' in reach the trapezoid rule's stability limit within
+# 3 % up to a damping ratio of 0.2. Where no force reads velocities one evaluation a step is all.
+ROUNDS = 3
+
+
+@ti.data_oriented
+class VelocityVerlet(Integrator):
+    name, order = "verlet", 2
+    safety = 0.4  # as for symplectic Euler, whose positions it shares when undamped
+
+    def __init__(self, memory, state, damped):
+        self.state, self.damped = state, damped
+        self.stages = ROUNDS + 1 if damped else 1
+        self.has_begin = not damped
+        self.a = memory.vectors(self.name, "a")
+        if damped:
+            self.half = memory.vectors(self.name, "half-step v")
+
+    @ti.func
+    def begin(self, system, t):
+        system.accelerations(self.state.x, self.state.v, t, self.a)
+
+    @ti.func
+    def stage(self, system, s, t, dt):
+        """Undamped: kick and drift, then the new force. Damped: stage 0 evaluates at the old end, stage 1 begins
+        with kick and drift, every later one refines the new velocity."""
+        if ti.static(self.damped):
+            for i in range(system.count):
+                if s == 1:
+                    self.half[i] = self.state.v[i] + 0.5 * dt * self.a[i]
+                    self.state.x[i] += dt * self.half[i]
+                if s > 0:
+                    self.state.v[i] = self.half[i] + 0.5 * dt * self.a[i]
+            system.accelerations(self.state.x, self.state.v, t + dt * ti.min(s, 1), self.a)
+        else:
+            for i in range(system.count):
+                self.state.v[i] += 0.5 * dt * self.a[i]
+                self.state.x[i] += dt * self.state.v[i]
+            system.accelerations(self.state.x, self.state.v, t + dt, self.a)
+
+    @ti.func
+    def finish(self, system, t, dt):
+        for i in range(system.count):
+            if ti.static(self.damped):
+                self.state.v[i] = self.half[i] + 0.5 * dt * self.a[i]
+            else:
+                self.state.v[i] += 0.5 * dt * self.a[i]
+
+    @classmethod
+    def amplification(cls, a, zeta):
+        def step(x, v, h, acceleration):
+            half = v + 0.5 * h * acceleration(x, v)
+            x = x + h * half
+            v = half + 0.5 * h * acceleration(x - h * half, v)
+            for _ in range(ROUNDS):
+                v = half + 0.5 * h * acceleration(x, v)
+            return x, v
+
+        return oscillator_matrix(step, a, zeta)

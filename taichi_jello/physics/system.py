@@ -1,0 +1,163 @@
+"""System: a scene's bodies and forces as Taichi fields and kernels, with only what the scene has."""
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.body import Body
+from taichi_jello.physics import forces as force_folder
+from taichi_jello.physics.bounds import Bound, largest_dt
+from taichi_jello.physics.forces._base import ParticleForce
+from taichi_jello.physics.gather import reach
+from taichi_jello.physics.integrators import scheme
+from taichi_jello.physics.particles import Particles
+from taichi_jello.physics.state import Memory, State
+from taichi_jello.plugins import classes
+from taichi_jello.scene import Scene
+
+# Below this many particles one thread that never waits beats two that are woken for every loop (`jello study speed`).
+SERIAL_PARTICLES = 6000
+ENERGIES = ("kinetic", "elastic", "gravity", "contact")
+
+
+def force_kinds() -> list[type[ParticleForce]]:
+    """Every kind of force there is, by looking in its folder."""
+    return classes(force_folder, ParticleForce)
+
+
+@ti.data_oriented
+class System:
+    """All particles of `body` under the forces that `scene` needs, stepped by one scheme.
+
+    serial: compile a frame as one loop on one thread (small scenes on a CPU) instead of parallel tasks; by default
+    chosen by size. Both give the same bits.
+    """
+
+    def __init__(self, scene: Scene, body: Body, *, method: str | None = None, serial: bool | None = None):
+        Scheme = scheme(method or scene.solver.method)
+        self.memory = Memory(len(body), reach(body))
+        self.count, self.lanes, self.passes = len(body), self.memory.lanes, self.memory.passes
+        self.owner = self.memory.owner
+        self.state = State.made_in(self.memory, "state")
+        self.good = State.made_in(self.memory, "last good state")
+        self.particles = Particles(body, self.memory)
+        made = {kind: kind.made_for(scene, self.particles) for kind in force_kinds()}
+        self.absent = [kind.title for kind, found in made.items() if not found]
+        self.all_forces = tuple(force for found in made.values() for force in found)
+        self.in_passes = tuple(force for force in self.all_forces if force.in_passes)
+        self.one_by_one = tuple(force for force in self.all_forces if not force.in_passes)
+        self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
+        self.rates = [force.rates() for force in self.all_forces]
+        self.integrator = Scheme(self.memory, self.state, damped=any(f.reads_velocity for f in self.all_forces))
+        small = self.owner.on_cpu and (self.owner.threads == 1 or self.count < SERIAL_PARTICLES)
+        self.serial = small if serial is None else serial
+        self.memory.write(self.state.x, body.x)
+        self.memory.write(self.state.v, np.where(body.pinned[:, None], 0.0, body.v))
+        self.bound: Bound = largest_dt(Scheme.amplification, Scheme.safety, self.rates, scene.drag)
+
+    @ti.func
+    def accelerations(self, x, v, t, a):
+        """a = f(x, v, t)/m for every particle, f the sum of the forces the scene has."""
+        for p in range(self.passes):
+            first = p * self.lanes
+            for lane in range(self.lanes):
+                a[first + lane] = ti.Vector([0.0, 0.0, 0.0])
+            for force in ti.static(self.in_passes):
+                force.on_pass(p, x, v, t, a)
+            for lane in range(self.lanes):
+                i = first + lane
+                total = a[i]
+                for force in ti.static(self.one_by_one):
+                    total += force.on(i, x, v, t)
+                a[i] = total * self.particles.inverse_mass(i)
+
+    @ti.kernel
+    def _serial_steps(self, first: int, last: int, dt: float):
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            if ti.static(self.integrator.has_begin):
+                self.integrator.begin(self, first * dt)
+            for step in range(first, last):
+                for s in range(self.integrator.stages):
+                    self.integrator.stage(self, s, step * dt, dt)
+                self.integrator.finish(self, step * dt, dt)
+
+    @ti.kernel
+    def _parallel_begin(self, t: float):
+        self.integrator.begin(self, t)
+
+    @ti.kernel
+    def _parallel_stage(self, s: int, step: int, dt: float):
+        self.integrator.stage(self, s, step * dt, dt)
+
+    @ti.kernel
+    def _parallel_finish(self, step: int, dt: float):
+        self.integrator.finish(self, step * dt, dt)
+
+    def steps(self, first: int, last: int, dt: float) -> None:
+        """Substeps `first` to `last` of the current frame, dt [s] each."""
+        if self.serial:
+            self._serial_steps(first, last, dt)
+            return
+        if self.integrator.has_begin:
+            self._parallel_begin(first * dt)
+        for step in range(first, last):
+            for s in range(self.integrator.stages):
+                self._parallel_stage(s, step, dt)
+            self._parallel_finish(step, dt)
+
+    def begin_frame(self, start: float, end: float) -> None:
+        for force in self.all_forces:
+            force.begin_frame(start, end)
+
+    @ti.kernel
+    def _first_bad(self) -> int:
+        """The first particle whose numbers are not finite (all exponent bits set), or the particle count."""
+        first = self.count
+        for i in range(self.count):
+            for axis in ti.static(range(3)):
+                if not_finite(self.state.x[i][axis]) or not_finite(self.state.v[i][axis]):
+                    ti.atomic_min(first, i)
+        return first
+
+    @ti.kernel
+    def _copy(self, source: ti.template(), target: ti.template()):
+        for i in range(self.count):
+            target.x[i] = source.x[i]
+            target.v[i] = source.v[i]
+
+    def keep_if_finite(self) -> int | None:
+        """Remember the state as good, or return the first particle with a number that is not finite."""
+        bad = self._first_bad()
+        if bad < self.count:
+            return bad
+        self._copy(self.state, self.good)
+        return None
+
+    def return_to_good(self) -> None:
+        self._copy(self.good, self.state)
+
+    @ti.kernel
+    def _energy_shares(self, out: ti.types.ndarray()):
+        for i in range(self.count):
+            v = self.state.v[i]
+            out[i, 0] = 0.5 * self.particles.mass(i) * v.dot(v)
+            for slot in ti.static(range(1, len(ENERGIES))):
+                for force in ti.static(self.booked[slot]):
+                    out[i, slot] += force.energy(i, self.state.x)
+
+    def energies(self) -> dict[str, float]:
+        """Kinetic, elastic, gravity and contact energy [J], summed over the particles in float64."""
+        shares = np.zeros((self.count, len(ENERGIES)), self.memory.number)
+        self._energy_shares(shares)
+        return dict(zip(ENERGIES, shares.sum(0, dtype=np.float64).tolist(), strict=True))
+
+
+@ti.func
+def not_finite(number):
+    """By its bits: compilers may assume that numbers are finite and drop a comparison."""
+    bad = False
+    if ti.static(ti.lang.impl.get_runtime().default_fp == ti.f32):
+        bad = (ti.bit_cast(number, ti.i32) & 0x7F800000) == 0x7F800000
+    else:
+        bad = ((ti.bit_cast(number, ti.i64) >> 52) & 0x7FF) == 0x7FF
+    return bad

@@ -1,0 +1,199 @@
+"""Simulation: a scene in motion. Clock, frames and substeps, snapshots, and what happens when numbers go bad."""
+
+import warnings
+from dataclasses import dataclass
+from math import ceil
+from typing import Any
+
+import numpy as np
+
+from taichi_jello import runtime
+from taichi_jello.body import Body, join
+from taichi_jello.physics.system import System
+from taichi_jello.scene import Scene, SceneError
+
+
+class StepWarning(UserWarning):
+    """The step asked for is longer than the scene's safe one."""
+
+
+class Diverged(RuntimeError):
+    """Numbers stopped being finite. The simulation is back at its last good state; `record` says what happened."""
+
+    def __init__(self, record: dict[str, Any]):
+        self.record = record
+        super().__init__(
+            "the numbers went bad at {time:.6g} s: particle {particle} of jello {jello} first, "
+            "dt = {dt:.3g} s, safe dt = {safe_dt:.3g} s".format(**record)
+        )
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Everything a run needs to go on to the same bits: time [s], x [m] and v [m/s], (N, 3)."""
+
+    time: float
+    x: np.ndarray
+    v: np.ndarray
+
+
+class Simulation:
+    """A scene made of Taichi fields and stepped through time.
+
+    method, dt [s] and substeps (of a drawn frame) override the scene's solver; serial forces one of the two forms of
+    the step. Uses the running Taichi, or starts it with its defaults. Raises SceneError for a scene, a method or a
+    step that cannot be, and RuntimeProblem if Taichi was started again since.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        method: str | None = None,
+        dt: float | str | None = None,
+        substeps: int | None = None,
+        serial: bool | None = None,
+    ):
+        self.scene = scene
+        self.body: Body = join([jello.body() for jello in scene.jello])
+        self.method = method or scene.solver.method
+        self.frame_dt = scene.solver.frame_dt
+        self.system = System(scene, self.body, method=self.method, serial=serial)
+        self.substeps = self._choose_substeps(scene.solver.dt if dt is None else dt, substeps)
+        self.dt = self.frame_dt / self.substeps
+        self._frames = self._done = 0
+        self._begun = False
+        self._time_before_frames = 0.0
+        self.start = self.snapshot()
+
+    def _choose_substeps(self, dt: float | str, substeps: int | None) -> int:
+        """Whole substeps of a frame: as asked, or as few as the safe step allows."""
+        safe = self.safe_dt
+        if substeps is not None:
+            chosen = substeps
+        elif dt == "auto":
+            if safe == 0.0:
+                raise SceneError(
+                    "solver.dt",
+                    f"{self.method} has no stable step for this scene (something swings undamped); "
+                    "give dt in seconds, or another method such as rk4",
+                )
+            return max(1, ceil(self.frame_dt / safe * (1.0 - 1e-9)))
+        else:
+            chosen = max(1, ceil(self.frame_dt / float(dt) * (1.0 - 1e-9)))
+        if self.frame_dt / chosen > safe * (1.0 + 1e-6):
+            warnings.warn(
+                f"dt = {self.frame_dt / chosen:.3g} s is beyond the largest safe step of {self.method}, {safe:.3g} s",
+                StepWarning,
+                stacklevel=3,
+            )
+        return chosen
+
+    @property
+    def safe_dt(self) -> float:
+        """The largest step [s] that keeps this scene bounded with this method; infinite if nothing swings."""
+        return self.system.bound.dt
+
+    @property
+    def time(self) -> float:
+        """Seconds since the scene's beginning."""
+        return self._time_before_frames + self._frames * self.frame_dt + self._done * self.dt
+
+    @property
+    def x(self) -> np.ndarray:
+        """(N, 3) positions [m]."""
+        runtime.check(self.system.owner)
+        return self.system.memory.read(self.system.state.x)
+
+    @property
+    def v(self) -> np.ndarray:
+        """(N, 3) velocities [m/s]."""
+        runtime.check(self.system.owner)
+        return self.system.memory.read(self.system.state.v)
+
+    def energies(self) -> dict[str, float]:
+        """Kinetic, elastic, gravity (zero at y = 0) and contact energy [J]."""
+        runtime.check(self.system.owner)
+        return self.system.energies()
+
+    def frame(self) -> None:
+        """Go on to the end of the current frame. Raises Diverged, back at the frame's beginning."""
+        self.step(self.substeps - self._done)
+
+    def advance(self, seconds: float) -> None:
+        """Go on by the whole number of substeps nearest to `seconds`."""
+        if not 0.0 <= seconds < np.inf:
+            raise ValueError(f"seconds: expected a finite number of at least 0, got {seconds!r}")
+        self.step(round(seconds / self.dt))
+
+    def step(self, count: int = 1) -> None:
+        """Go on by `count` substeps; a check for bad numbers follows each frame and the last substep."""
+        runtime.check(self.system.owner)
+        while count > 0:
+            part = min(count, self.substeps - self._done)
+            if not self._begun:
+                start = self._time_before_frames + self._frames * self.frame_dt
+                end = self._time_before_frames + (self._frames + 1) * self.frame_dt
+                self.system.begin_frame(start, end)
+                self._begun = True
+            self.system.steps(self._done, self._done + part, self.dt)
+            bad = self.system.keep_if_finite()
+            if bad is not None:
+                self._fail(bad, part)
+            self._done += part
+            count -= part
+            if self._done == self.substeps:
+                self._frames, self._done, self._begun = self._frames + 1, 0, False
+
+    def _fail(self, particle: int, part: int) -> None:
+        failed = self.time + part * self.dt
+        self.system.return_to_good()
+        raise Diverged(
+            {
+                "time": failed,
+                "particle": particle,
+                "jello": int(self.body.jello[particle]),
+                "dt": self.dt,
+                "safe_dt": self.safe_dt,
+                "last_good_time": self.time,
+            }
+        )
+
+    def snapshot(self) -> Snapshot:
+        return Snapshot(self.time, self.x, self.v)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back (or on) to a snapshot of the same scene; running on from it gives the same bits as before.
+
+        Raises ValueError if it holds another number of particles or numbers that are not finite.
+        """
+        runtime.check(self.system.owner)
+        shape = (len(self.body), 3)
+        for name in ("x", "v"):
+            values = np.asarray(getattr(snapshot, name))
+            if values.shape != shape:
+                raise ValueError(f"{name}: expected {shape[0]} particles, shape {shape}, got shape {values.shape}")
+            if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
+                raise ValueError(f"{name}: expected finite numbers")
+        self.system.memory.write(self.system.state.x, snapshot.x)
+        self.system.memory.write(self.system.state.v, snapshot.v)
+        self._set_time(snapshot.time)
+        self.system.keep_if_finite()
+
+    def _set_time(self, time: float) -> None:
+        """Find the frame and substep of `time`; a time between substeps becomes a frame's beginning of its own."""
+        steps = round(time / self.dt)
+        self._frames, self._done, self._begun = steps // self.substeps, steps % self.substeps, False
+        self._time_before_frames = 0.0
+        if abs(self.time - time) > 1e-6 * self.dt + 1e-12 * abs(time):
+            self._frames, self._done, self._time_before_frames = 0, 0, time
+
+    def reset(self) -> None:
+        """Back to the beginning."""
+        self.restore(self.start)
+
+    def render(self, size: tuple[int, int] = (1280, 720), **options: Any) -> np.ndarray:
+        """A picture (height, width, 3) uint8 of this moment; options as for `taichi_jello.view.picture`."""
+        from taichi_jello.view import picture
+
+        return picture(self, size, **options)
