@@ -3,3 +3,30 @@
 import os
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+
+from taichi_jello.physics.colliders.plane import Plane  # noqa: E402
+from taichi_jello.physics.colliders.room import Room  # noqa: E402
+from taichi_jello.physics.colliders.sphere import Sphere  # noqa: E402
+from taichi_jello.physics.forces.field import CallableField, GridField, UniformField  # noqa: E402
+from taichi_jello.scene import Camera, Contact, Pin, Scene, SceneError, Solver  # noqa: E402
+from taichi_jello.shapes.lattice import Box  # noqa: E402
+from taichi_jello.simulation import Diverged, Simulation, Snapshot  # noqa: E402
+
+__all__ = [
+    "Box",
+    "CallableField",
+    "Camera",
+    "Contact",
+    "Diverged",
+    "GridField",
+    "Pin",
+    "Plane",
+    "Room",
+    "Scene",
+    "SceneError",
+    "Simulation",
+    "Snapshot",
+    "Solver",
+    "Sphere",
+    "UniformField",
+]

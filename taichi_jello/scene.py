@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 FAMILIES = ("structural", "shear", "bend")
+COLORS = ("force", "strain", "family", "plain")
 Vector = tuple[float, float, float]
 
 
@@ -115,17 +116,22 @@ class Contact(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Camera(Checked):
-    """Where a picture is taken from: the eye, the point looked at [m] and the vertical field of view [degrees]."""
+    """Where a picture is taken from: the eye, the point looked at [m] and the vertical field of view [degrees]; and
+    what the springs' colour shows."""
 
     eye: Vector = (2.6, 1.9, 3.6)
     target: Vector = (0.0, 0.6, 0.0)
     fov: float = 40.0
+    color: str = "force"
 
     def check(self) -> dict[str, Any]:
         checked = {"eye": vector("eye", self.eye), "target": vector("target", self.target)}
         if checked["eye"] == checked["target"]:
             raise SceneError("eye", "expected a point away from the target")
-        return checked | {"fov": number("fov", self.fov, above=0.0)}
+        fov = number("fov", self.fov, above=0.0)
+        if fov >= 180.0:
+            raise SceneError("fov", f"expected less than 180 degrees, got {fov:g}")
+        return checked | {"fov": fov, "color": word("color", self.color, COLORS)}
 
 
 @dataclass(frozen=True, kw_only=True)

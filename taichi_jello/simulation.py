@@ -9,6 +9,7 @@ import numpy as np
 
 from taichi_jello import runtime
 from taichi_jello.body import Body, join
+from taichi_jello.physics.colliders.room import Room
 from taichi_jello.physics.system import System
 from taichi_jello.scene import Scene, SceneError
 
@@ -56,6 +57,7 @@ class Simulation:
     ):
         self.scene = scene
         self.body: Body = join([jello.body() for jello in scene.jello])
+        self._check_rooms()
         self.method = method or scene.solver.method
         self.frame_dt = scene.solver.frame_dt
         self.system = System(scene, self.body, method=self.method, serial=serial)
@@ -65,6 +67,21 @@ class Simulation:
         self._begun = False
         self._time_before_frames = 0.0
         self.start = self.snapshot()
+
+    def _check_rooms(self) -> None:
+        """A jello must begin inside every room, or the walls would throw it."""
+        for c, room in enumerate(self.scene.collider):
+            if not isinstance(room, Room):
+                continue
+            for j in range(len(self.scene.jello)):
+                own = self.body.x[self.body.jello == j]
+                low, high = own.min(0), own.max(0)
+                if np.any(low < np.array(room.min) - 1e-9) or np.any(high > np.array(room.max) + 1e-9):
+                    raise SceneError(
+                        f"collider.{c}",
+                        f"expected a box around jello.{j}, which spans {np.round(low, 3).tolist()} to "
+                        f"{np.round(high, 3).tolist()}, got {list(room.min)} to {list(room.max)}",
+                    )
 
     def _choose_substeps(self, dt: float | str, substeps: int | None) -> int:
         """Whole substeps of a frame: as asked, or as few as the safe step allows."""

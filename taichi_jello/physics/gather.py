@@ -17,13 +17,11 @@ from taichi_jello.physics.state import LANES
 
 @dataclass(frozen=True)
 class GatherTable:
-    """Blocks b own the entries start[b] to start[b + 1]. shift, mask, material (E,) int32;
+    """Block b owns the entries start[b] to start[b + 1]; entries (E, 3) int32: shift, mask, material;
     materials (M, 6): stiffness [N/m], rest length [m], damping [N·s/m], unit direction towards the neighbour."""
 
     start: np.ndarray
-    shift: np.ndarray
-    mask: np.ndarray
-    material: np.ndarray
+    entries: np.ndarray
     materials: np.ndarray
 
 
@@ -58,10 +56,6 @@ def pack(body: Body) -> GatherTable:
 
     block, rest = np.divmod(entry_key, (2 * far + 1) * len(materials))
     blocks = -(-len(body) // LANES)
-    return GatherTable(
-        start=np.searchsorted(block, np.arange(blocks + 1)).astype(np.int32),
-        shift=(rest // len(materials) - far).astype(np.int32),
-        mask=mask.view(np.int32),
-        material=(rest % len(materials)).astype(np.int32),
-        materials=materials,
-    )
+    shift = rest // len(materials) - far
+    entries = np.stack([shift, mask.view(np.int32), rest % len(materials)], 1).astype(np.int32)
+    return GatherTable(np.searchsorted(block, np.arange(blocks + 1)).astype(np.int32), entries, materials)

@@ -23,6 +23,13 @@ class Particles:
         if self.pinned:
             self.free = memory.table("pins", "free", np.pad(1 - body.pinned.astype(np.int32), (0, spare)))
 
+    def traits(self) -> list[str]:
+        """What of itself is compiled in."""
+        return ["unequal masses"] * (not self.uniform) + ["pins"] * self.pinned
+
+    def absent_traits(self) -> list[str]:
+        return ["unequal masses"] * self.uniform + ["pins"] * (not self.pinned)
+
     @ti.func
     def mass(self, i):
         m = ti.cast(self.one_mass, float)

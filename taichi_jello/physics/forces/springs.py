@@ -37,7 +37,7 @@ class Springs(ParticleForce):
         self.body = body
         self.damped = self.reads_velocity = bool(body.damping.any())
         self.lanes, self.Lanes = memory.lanes, memory.lane_vector
-        for name in ("start", "shift", "mask", "material", "materials"):
+        for name in ("start", "entries", "materials"):
             setattr(self, name, memory.table(self.title, name, getattr(packed, name)))
 
     @classmethod
@@ -45,9 +45,9 @@ class Springs(ParticleForce):
         return [cls(particles)] if len(particles.body.springs) else []
 
     @ti.func
-    def along(self, e, i, j, x, v):
-        """The force on particle i of its spring to j, whose entry is e."""
-        m = self.materials[self.material[e]]
+    def along(self, material, i, j, x, v):
+        """The force on particle i of its spring to j."""
+        m = self.materials[material]
         d = x[j] - x[i] + ti.Vector([m[3], m[4], m[5]])
         inverse_length = 1.0 / ti.sqrt(d.dot(d))
         s = hooke(inverse_length, m[0], m[1])
@@ -62,10 +62,10 @@ class Springs(ParticleForce):
         fx, fy, fz = self.Lanes(0.0), self.Lanes(0.0), self.Lanes(0.0)
         first = p * self.lanes
         for e in range(self.start[first // LANES], self.start[first // LANES + 1]):
-            mask, shift = self.mask[e], self.shift[e]
+            shift, mask, material = self.entries[e][0], self.entries[e][1], self.entries[e][2]
             for lane in range(self.lanes):
                 i = first + lane
-                force = self.along(e, i, i + shift, x, v)
+                force = self.along(material, i, i + shift, x, v)
                 has = (mask >> ((first & (LANES - 1)) + lane)) & 1
                 fx[lane] += ti.select(has, force[0], 0.0)
                 fy[lane] += ti.select(has, force[1], 0.0)
@@ -78,9 +78,10 @@ class Springs(ParticleForce):
         """Half of ½ k (|d| - R)² for each spring of particle i; its other end books the other half."""
         total = ti.cast(0.0, float)
         for e in range(self.start[i // LANES], self.start[i // LANES + 1]):
-            if (self.mask[e] >> (i % LANES)) & 1:
-                m = self.materials[self.material[e]]
-                stretch = (x[i + self.shift[e]] - x[i]).norm() - m[1]
+            entry = self.entries[e]
+            if (entry[1] >> (i % LANES)) & 1:
+                m = self.materials[entry[2]]
+                stretch = (x[i + entry[0]] - x[i]).norm() - m[1]
                 total += 0.25 * m[0] * stretch * stretch
         return total
 

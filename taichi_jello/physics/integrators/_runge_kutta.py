@@ -20,9 +20,8 @@ class RungeKutta(Integrator):
     def __init__(self, memory, state, damped):
         self.state, self.stages = state, len(self.b)
         square = [[*row, *[0.0] * (self.stages - len(row))] for row in self.a]
-        self.weights_a = memory.table(self.name, "a", np.array(square).ravel())
-        self.weights_b = memory.table(self.name, "b", np.array(self.b))
-        self.weights_c = memory.table(self.name, "c", np.array(square).sum(1))
+        # The whole tableau in one table: the rows of a, then b, then c.
+        self.tableau = memory.table(self.name, "tableau", np.array([*square, self.b, np.sum(square, 1)]).ravel())
         self.lanes, self.Lanes = memory.lanes, memory.lane_vector
         self.at = State.made_in(memory, f"{self.name} stage")
         self.acceleration = memory.vectors(f"{self.name} stage", "a")
@@ -30,12 +29,12 @@ class RungeKutta(Integrator):
         self.slopes_v = memory.vectors(self.name, "slopes of v", self.stages)
 
     @ti.func
-    def combine(self, p, dt, start: ti.template(), slopes: ti.template(), weights: ti.template(), row, count, out: ti.template()):
-        """out = start + dt Σ weights[row + s] slopes[s] over the first `count` stages, for the particles of pass p."""
+    def combine(self, p, dt, start: ti.template(), slopes: ti.template(), row, count, out: ti.template()):
+        """out = start + dt Σ w[s] slopes[s] over the first `count` stages, w the tableau's row, for pass p's particles."""
         x, y, z = self.Lanes(0.0), self.Lanes(0.0), self.Lanes(0.0)
         first = p * self.lanes
         for s in range(count):
-            weight = weights[row + s]
+            weight = self.tableau[row * self.stages + s]
             for lane in range(self.lanes):
                 slope = slopes[s, first + lane]
                 x[lane] += weight * slope[0]
@@ -47,10 +46,10 @@ class RungeKutta(Integrator):
     @ti.func
     def stage(self, system, s, t, dt):
         for p in range(system.passes):
-            row = s * self.stages
-            self.combine(p, dt, self.state.x, self.slopes_x, self.weights_a, row, s, self.at.x)
-            self.combine(p, dt, self.state.v, self.slopes_v, self.weights_a, row, s, self.at.v)
-        system.accelerations(self.at.x, self.at.v, t + self.weights_c[s] * dt, self.acceleration)
+            self.combine(p, dt, self.state.x, self.slopes_x, s, s, self.at.x)
+            self.combine(p, dt, self.state.v, self.slopes_v, s, s, self.at.v)
+        c = self.tableau[(self.stages + 1) * self.stages + s]
+        system.accelerations(self.at.x, self.at.v, t + c * dt, self.acceleration)
         for i in range(system.count):
             self.slopes_x[s, i] = self.at.v[i]
             self.slopes_v[s, i] = self.acceleration[i]
@@ -58,8 +57,8 @@ class RungeKutta(Integrator):
     @ti.func
     def finish(self, system, t, dt):
         for p in range(system.passes):
-            self.combine(p, dt, self.state.x, self.slopes_x, self.weights_b, 0, self.stages, self.state.x)
-            self.combine(p, dt, self.state.v, self.slopes_v, self.weights_b, 0, self.stages, self.state.v)
+            self.combine(p, dt, self.state.x, self.slopes_x, self.stages, self.stages, self.state.x)
+            self.combine(p, dt, self.state.v, self.slopes_v, self.stages, self.stages, self.state.v)
 
     @classmethod
     def amplification(cls, a, zeta):

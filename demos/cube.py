@@ -1,0 +1,16 @@
+"""A cube of 8×8×8 points falls, bounces off the ground, a sphere and the walls of its room, and comes to rest."""
+
+from taichi_jello import Box, Camera, Room, Scene, Sphere
+
+
+def scene() -> Scene:
+    return Scene(
+        title="Jello cube",
+        seconds=6.0,
+        jello=[Box(position=(-0.45, 2.3, 0.1), rotation=(25.0, 0.0, 30.0), velocity=(3.0, 0.0, 0.4))],
+        collider=[
+            Room(min=(-1.6, 0.0, -1.3), max=(1.6, 4.0, 1.3)),
+            Sphere(center=(-0.2, 0.1, 0.0), radius=0.45),
+        ],
+        camera=Camera(eye=(2.9, 2.3, 4.6), target=(0.0, 0.75, 0.0)),
+    )

@@ -1,0 +1,17 @@
+"""A cube bounces off two spheres; one of them swings to and fro and kicks it."""
+
+from taichi_jello import Box, Camera, Plane, Scene, Sphere
+
+
+def scene() -> Scene:
+    return Scene(
+        title="Jello and spheres",
+        seconds=5.0,
+        jello=[Box(position=(0.1, 2.0, 0.0), rotation=(0.0, 20.0, 15.0), stiffness=300.0, damping=0.3)],
+        collider=[
+            Plane(),
+            Sphere(center=(0.0, 0.35, 0.0), radius=0.5),
+            Sphere(center=(1.5, 0.4, 0.0), radius=0.4, swing=(0.7, 0.0, 0.0), period=1.5),
+        ],
+        camera=Camera(eye=(2.4, 2.2, 4.6), target=(0.5, 0.6, 0.0)),
+    )

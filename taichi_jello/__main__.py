@@ -1,0 +1,7 @@
+"""`python -m taichi_jello` is `jello`."""
+
+import sys
+
+from taichi_jello.cli import main
+
+sys.exit(main())

@@ -1,0 +1,296 @@
+"""The command line: each subcommand reads its options, calls one function and prints."""
+
+import argparse
+import json
+import os
+import sys
+import tomllib
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+import taichi_jello.sceneio as sceneio
+from taichi_jello import runtime
+from taichi_jello.plugins import modules
+from taichi_jello.scene import COLORS, Scene, SceneError, override
+from taichi_jello.simulation import Diverged, Simulation
+from taichi_jello.trajectory import Trajectory, last_moment
+
+
+class Mistake(Exception):
+    """Something in the call that cannot be: one line for the person."""
+
+
+class Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        print(f"{self.prog}: {message} (see {self.prog} --help)", file=sys.stderr)
+        raise SystemExit(2)
+
+
+def positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected a number greater than 0, got {text!r}")
+    return value
+
+
+def not_negative(text: str) -> float:
+    return 0.0 if text in ("0", "0.0") else positive(text)
+
+
+def count(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, got {text!r}")
+    return int(text)
+
+
+def step_size(text: str) -> float | str:
+    return "auto" if text == "auto" else positive(text)
+
+
+def picture_size(text: str) -> tuple[int, int]:
+    width, _, height = text.lower().partition("x")
+    if not (width.isdigit() and height.isdigit() and 16 <= int(width) <= 8192 and 16 <= int(height) <= 8192):
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT in pixels, 16 to 8192 each, got {text!r}")
+    return int(width), int(height)
+
+
+def setting(text: str) -> tuple[str, Any]:
+    key, equals, value = text.partition("=")
+    if not equals or not key:
+        raise argparse.ArgumentTypeError(f"expected key.path=value, got {text!r}")
+    try:
+        return key, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key, value
+
+
+def options() -> Parser:
+    """The whole grammar."""
+    parser = Parser(prog="jello", description="Real-time mass-spring jello. Without a command: play the cube.")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
+
+    scene = argparse.ArgumentParser(add_help=False)
+    scene.add_argument("--method", metavar="NAME", help="integrator, instead of the scene's")
+    scene.add_argument("--dt", type=step_size, metavar="auto|S", help="step in seconds, or the largest safe one")
+    scene.add_argument("--substeps", type=count, metavar="N", help="steps in a drawn frame, instead of --dt")
+    scene.add_argument("--arch", choices=runtime.ARCHES, default="cpu")
+    scene.add_argument("--precision", choices=runtime.PRECISIONS, default="f32")
+    scene.add_argument("--threads", type=count, metavar="N", help="CPU threads, by default all")
+    scene.add_argument("--set", type=setting, action="append", default=[], metavar="KEY=VALUE", dest="settings",
+                       help="override any scene key, for example jello.0.stiffness=300")  # fmt: skip
+    scene.add_argument("--from", metavar="STATE.npz", dest="from_state", help="start from the last moment there")
+    scene.add_argument("--quiet", action="store_true", help="print nothing but errors and warnings")
+
+    drawing = argparse.ArgumentParser(add_help=False)
+    drawing.add_argument("--size", type=picture_size, default=(1280, 720), metavar="WxH")
+    drawing.add_argument("--color", choices=COLORS, help="what the springs' colour shows")
+    drawing.add_argument("--renderer", choices=("auto", "ggui", "raster"), default="auto")
+
+    def add(name: str, text: str, parents: list[argparse.ArgumentParser], **default_scene: Any) -> Any:
+        command = commands.add_parser(name, help=text, description=text, parents=parents)
+        if parents:
+            command.add_argument("scene", metavar="SCENE", help="a demo's name, a .py or a .toml", **default_scene)
+        return command
+
+    play = add("play", "the interactive window", [scene, drawing], nargs="?", default="cube")
+    play.add_argument("--seconds", type=not_negative, metavar="S", help="close the window after that long")
+    add("list", "the demos, one line each", [])
+    run = add("run", "headless physics, written as NPZ", [scene])
+    run.add_argument("-o", "--output", required=True, metavar="OUT.npz")
+    run.add_argument("--seconds", type=not_negative, metavar="S", help="how long to simulate")
+    run.add_argument("--every", type=positive, metavar="S", help="time between saved moments, by default a frame")
+    shot = add("shot", "one picture", [scene, drawing])
+    shot.add_argument("-o", "--output", required=True, metavar="OUT.png")
+    shot.add_argument("--at", type=not_negative, default=1.0, metavar="S", help="the moment, by default 1 s")
+    explain = add("explain", "what a scene compiles in and leaves out, and where its step comes from", [scene])
+    explain.add_argument("--json", metavar="FILE", help="write the facts there too")
+    study = commands.add_parser("study", help="measurements", parents=[scene])
+    study.add_argument("name", metavar="NAME", help=f"one of {', '.join(studies())}")
+    study.add_argument("scene", metavar="SCENE", nargs="?")
+    study.add_argument("--json", metavar="FILE", help="write the figures there too")
+    study.add_argument("--quick", action="store_true", help="a reduced ladder")
+    return parser
+
+
+def studies() -> dict[str, Any]:
+    """The studies there are, by name."""
+    from taichi_jello import studies as folder
+
+    return {module.__name__.rpartition(".")[2]: module for module in modules(folder)}
+
+
+def make_scene(chosen: argparse.Namespace) -> Scene:
+    scene = sceneio.load(chosen.scene)
+    for key, value in chosen.settings:
+        try:
+            scene = override(scene, key.split("."), value)
+        except SceneError as error:
+            raise Mistake(f"--set {error}") from None
+    if getattr(chosen, "color", None):
+        scene = replace(scene, camera=replace(scene.camera, color=chosen.color))
+    return scene
+
+
+def make_simulation(chosen: argparse.Namespace, scene: Scene) -> Simulation:
+    runtime.start(chosen.arch, chosen.precision, chosen.threads)
+    try:
+        simulation = Simulation(scene, method=chosen.method, dt=chosen.dt, substeps=chosen.substeps)
+    except SceneError as error:
+        raise Mistake(f"{chosen.scene}: {error}") from None
+    if chosen.from_state:
+        try:
+            simulation.restore(last_moment(Path(chosen.from_state)))
+        except OSError as error:
+            raise Mistake(f"--from {chosen.from_state}: {error.strerror or error}") from None
+        except ValueError as error:
+            raise Mistake(f"--from {chosen.from_state}: {error}") from None
+    return simulation
+
+
+def output(name: str, suffix: str) -> Path:
+    """The path of a file to be written, checked before any work is done for it."""
+    path = Path(name)
+    if path.suffix != suffix:
+        raise Mistake(f"-o {name}: expected a name ending in {suffix}")
+    if path.is_dir() or not path.parent.is_dir():
+        raise Mistake(f"-o {name}: expected a file in a folder that exists")
+    if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
+        raise Mistake(f"-o {name}: may not be written")
+    return path
+
+
+def write_json(name: str | None, told: Any) -> None:
+    if name:
+        try:
+            Path(name).write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise Mistake(f"--json {name}: {error.strerror}") from None
+
+
+def bar(chosen: argparse.Namespace, steps: Any, text: str) -> Any:
+    """The steps, with a progress bar where somebody watches."""
+    if chosen.quiet or not sys.stderr.isatty():
+        return steps
+    from rich.console import Console
+    from rich.progress import track
+
+    return track(steps, description=text, console=Console(stderr=True), transient=True)
+
+
+def say(chosen: argparse.Namespace, text: str) -> None:
+    if not chosen.quiet:
+        print(text, flush=True)
+
+
+def do_list(chosen: argparse.Namespace) -> None:
+    for name, path in sceneio.demos().items():
+        print(f"{name:10s} {sceneio.describe(path)}")
+
+
+def do_run(chosen: argparse.Namespace) -> None:
+    path = output(chosen.output, ".npz")
+    scene = make_scene(chosen)
+    simulation = make_simulation(chosen, scene)
+    trajectory = Trajectory(simulation)
+    seconds = scene.seconds if chosen.seconds is None else chosen.seconds
+    per_save = max(1, round((chosen.every or simulation.frame_dt) / simulation.dt))
+    total = round(seconds / simulation.dt)
+    trajectory.add()
+    try:
+        for done in bar(chosen, range(0, total, per_save), scene.title):
+            simulation.step(min(per_save, total - done))
+            trajectory.add()
+    except Diverged:
+        trajectory.add()
+        trajectory.save(path)
+        print(f"jello: saved up to the last good state, {simulation.time:.6g} s, in {path}", file=sys.stderr)
+        raise
+    trajectory.save(path)
+    energy = ", ".join(f"{name} {value:.4g}" for name, value in simulation.energies().items())
+    say(chosen, f"{path}: {len(trajectory.moments)} moments to {simulation.time:.6g} s; energies [J] {energy}")
+
+
+def advance_or_save(simulation: Simulation, seconds: float, path: Path) -> None:
+    """Go on by `seconds`; if the numbers go bad, keep the last good state beside `path`."""
+    try:
+        simulation.advance(seconds)
+    except Diverged:
+        trajectory = Trajectory(simulation)
+        trajectory.add()
+        kept = path.with_suffix(".last-good.npz")
+        trajectory.save(kept)
+        print(f"jello: the last good state, {simulation.time:.6g} s, is in {kept}", file=sys.stderr)
+        raise
+
+
+def do_shot(chosen: argparse.Namespace) -> None:
+    from taichi_jello.record import write_png
+
+    path = output(chosen.output, ".png")
+    simulation = make_simulation(chosen, make_scene(chosen))
+    advance_or_save(simulation, max(0.0, chosen.at - simulation.time), path)
+    write_png(path, simulation.render(chosen.size, renderer=chosen.renderer))
+    say(chosen, f"{path}: {simulation.scene.title} at {simulation.time:.4g} s")
+
+
+def do_play(chosen: argparse.Namespace) -> None:
+    from taichi_jello.record import write_png
+    from taichi_jello.view import film_strip, window_problem
+
+    problem = "a window needs the renderer ggui" if chosen.renderer == "raster" else window_problem()
+    simulation = make_simulation(chosen, make_scene(chosen))
+    if problem is None:
+        from taichi_jello.view.viewer import play
+
+        play(simulation, size=chosen.size, seconds=chosen.seconds)
+        return
+    path = output(f"{Path(chosen.scene).stem}.png", ".png")
+    say(chosen, f"no window: {problem}; drawing offscreen instead")
+    write_png(path, film_strip(simulation, chosen.size, renderer=chosen.renderer))
+    print(path.resolve())
+
+
+def do_explain(chosen: argparse.Namespace) -> None:
+    from taichi_jello.explain import facts, text
+
+    told = facts(make_simulation(chosen, make_scene(chosen)))
+    write_json(chosen.json, told)
+    say(chosen, text(told))
+
+
+def do_study(chosen: argparse.Namespace) -> None:
+    found = studies()
+    if chosen.name not in found:
+        raise Mistake(f"study: expected one of {', '.join(found)}, got {chosen.name!r}")
+    told = found[chosen.name].measure(chosen)
+    write_json(chosen.json, told)
+    say(chosen, found[chosen.name].text(told))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; returns the exit status: 0 done, 2 a mistake in the call or the scene, 3 the numbers went bad."""
+    warnings.showwarning = lambda message, *_, **__: print(f"jello: warning: {message}", file=sys.stderr)
+    arguments = sys.argv[1:] if arguments is None else arguments
+    parser = options()
+    chosen = parser.parse_args(arguments if arguments else ["play"])
+    if chosen.command is None:
+        parser.error("expected a command")
+    try:
+        globals()[f"do_{chosen.command}"](chosen)
+    except (Mistake, SceneError, runtime.RuntimeProblem) as error:
+        print(f"jello: {error}", file=sys.stderr)
+        return 2
+    except Diverged as error:
+        print(f"jello: {error}", file=sys.stderr)
+        return 3
+    except OSError as error:
+        print(f"jello: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return 0

@@ -1,0 +1,73 @@
+"""What a scene compiles in and leaves out, what it costs, and where its step comes from."""
+
+from collections import defaultdict
+from typing import Any
+
+import numpy as np
+
+from taichi_jello.body import FAMILY_NAMES
+from taichi_jello.simulation import Simulation
+
+
+def facts(simulation: Simulation) -> dict[str, Any]:
+    """Everything `jello explain` says, as plain numbers and names."""
+    system, body, bound = simulation.system, simulation.body, simulation.system.bound
+    fields: dict[str, dict[str, int]] = defaultdict(dict)
+    for owner, name, size in system.memory.fields:
+        fields[owner][name] = size
+    count = np.bincount(body.family, minlength=len(FAMILY_NAMES))
+    return {
+        "title": simulation.scene.title,
+        "arch": system.owner.arch,
+        "precision": system.owner.precision,
+        "particles": len(body),
+        "springs": {name: int(n) for name, n in zip(FAMILY_NAMES, count, strict=True) if n},
+        "form": "one serial loop a frame" if system.serial else "parallel tasks",
+        "compiled_in": [force.title for force in system.all_forces] + [simulation.method] + system.particles.traits(),
+        "left_out": system.absent + system.particles.absent_traits(),
+        "fields": dict(fields),
+        "bytes": sum(size for *_, size in system.memory.fields),
+        "bound": {
+            "forces": {
+                force.title: {
+                    "squared_frequency": rate.squared_frequency,
+                    "damping": rate.damping,
+                    "damping_time": rate.damping_time if np.isfinite(rate.damping_time) else None,
+                }
+                for force, rate in zip(system.all_forces, system.rates, strict=True)
+            },
+            "squared_frequency": bound.squared_frequency,
+            "damping": bound.damping,
+            "safety": bound.safety,
+            "safe_dt": bound.dt if np.isfinite(bound.dt) else None,
+        },
+        "dt": simulation.dt,
+        "substeps": simulation.substeps,
+        "frame_dt": simulation.frame_dt,
+    }
+
+
+def text(told: dict[str, Any]) -> str:
+    """The facts as a page to read."""
+    bound, safe = told["bound"], told["bound"]["safe_dt"]
+    lines = [
+        told["title"] or "(untitled)",
+        f"  {told['particles']} particles, {sum(told['springs'].values())} springs: "
+        + ", ".join(f"{n} {name}" for name, n in told["springs"].items()),
+        f"  {told['arch']}, {told['precision']}, {told['form']}",
+        "compiled in: " + ", ".join(told["compiled_in"]),
+        "left out:    " + (", ".join(told["left_out"]) or "nothing"),
+        f"fields: {told['bytes']:,} bytes, {told['bytes'] / told['particles']:.0f} a particle",
+    ]
+    for owner, fields in told["fields"].items():
+        parts = ", ".join(f"{name} {size:,}" for name, size in fields.items())
+        lines.append(f"  {owner:22s} {sum(fields.values()):>12,}  ({parts})")
+    lines.append("step: every force bounds how fast it can make the particles swing (Λ) and how hard it damps (Γ)")
+    for name, rate in bound["forces"].items():
+        if rate["squared_frequency"] or rate["damping"]:
+            lines.append(f"  {name:22s} Λ = {rate['squared_frequency']:.4g} /s²   Γ = {rate['damping']:.4g} /s")
+    lines.append(f"  {'together':22s} Λ = {bound['squared_frequency']:.4g} /s²   Γ = {bound['damping']:.4g} /s")
+    limit = "no limit: nothing swings" if safe is None else f"safe dt = {safe:.4g} s (safety {bound['safety']:g} included)"
+    lines.append(f"  {limit}")
+    lines.append(f"  dt = {told['dt']:.4g} s: {told['substeps']} substeps of a {told['frame_dt']:.4g} s frame")
+    return "\n".join(lines)

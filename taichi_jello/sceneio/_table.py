@@ -1,0 +1,83 @@
+"""Nested tables, as scene files hold them, to a Scene; every mistake named by its key."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from functools import cache
+from typing import Any
+
+from taichi_jello import shapes
+from taichi_jello.physics import colliders, forces
+from taichi_jello.plugins import classes
+from taichi_jello.scene import Camera, Collider, Contact, Force, Jello, Pin, Scene, SceneError, Solver, word
+
+
+@cache
+def kinds(base: type, name: str) -> dict[str, type]:
+    """The subclasses of Jello, Collider or Force that there are, by their class attribute `name`."""
+    folder = {Jello: shapes, Collider: colliders, Force: forces}[base]
+    return {getattr(found, name): found for found in classes(folder, base)}
+
+
+def make(kind: type, table: Any, key: str) -> Any:
+    """An instance of the dataclass `kind` from a table of its fields."""
+    if not isinstance(table, Mapping):
+        raise SceneError(key, f"expected a table, got {table!r}")
+    names = [each.name for each in fields(kind)]
+    for name in table:
+        if name not in names:
+            raise SceneError(f"{key}.{name}" if key else name, f"unknown key, expected one of {', '.join(names)}")
+    try:
+        return kind(**table)
+    except SceneError as error:
+        raise error.within(key) if key else error from None
+    except TypeError:  # a required field is missing
+        raise SceneError(key, f"expected all of {', '.join(names)}") from None
+
+
+def make_chosen(base: type, choice: str, table: Any, key: str) -> Any:
+    """Like `make`, for the subclass of `base` that the table's key `choice` names."""
+    if not isinstance(table, Mapping):
+        raise SceneError(key, f"expected a table, got {table!r}")
+    found = kinds(base, choice)
+    if choice not in table:
+        raise SceneError(f"{key}.{choice}", f"expected one of {', '.join(found)}, it is missing")
+    try:
+        chosen = found[word(choice, table[choice], tuple(found))]
+    except SceneError as error:
+        raise error.within(key) from None
+    return make(chosen, {name: value for name, value in table.items() if name != choice}, key)
+
+
+def rows(table: Mapping[str, Any], name: str, key: str) -> list[Any]:
+    """The array of tables `name`, empty if there is none."""
+    value = table.get(name, [])
+    if not isinstance(value, list):
+        raise SceneError(f"{key}.{name}" if key else name, f"expected an array of tables [[{name}]], got {value!r}")
+    return value
+
+
+def make_jello(table: Any, key: str) -> Jello:
+    if isinstance(table, Mapping) and "pin" in table:
+        pins = [make(Pin, pin, f"{key}.pin.{i}") for i, pin in enumerate(rows(table, "pin", key))]
+        table = {**table, "pin": pins}
+    return make_chosen(Jello, "shape", table, key)
+
+
+def scene_from(table: Mapping[str, Any]) -> Scene:
+    """The Scene that a file's top-level table describes; raises SceneError with the key of the first mistake."""
+    parts = dict(table)
+    for name, kind in (("solver", Solver), ("contact", Contact), ("camera", Camera)):
+        if name in parts:
+            parts[name] = make(kind, parts[name], name)
+    parts["collider"] = [
+        make_chosen(Collider, "type", one, f"collider.{i}") for i, one in enumerate(rows(table, "collider", ""))
+    ]
+    parts["jello"] = [make_jello(one, f"jello.{i}") for i, one in enumerate(rows(table, "jello", ""))]
+    unknown = [name for name in parts if name not in {each.name for each in fields(Scene)}]
+    parts["force"] = []
+    for name in [name for name in unknown if name in kinds(Force, "key")]:
+        tables = parts.pop(name)
+        for i, one in enumerate(tables if isinstance(tables, list) else [tables]):
+            key = f"{name}.{i}" if isinstance(tables, list) else name
+            parts["force"].append(make(kinds(Force, "key")[name], one, key))
+    return make(Scene, parts, "")

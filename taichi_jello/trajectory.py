@@ -1,0 +1,67 @@
+"""Runs on disk: the NPZ that `jello run` writes, and states to start from."""
+
+import os
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_jello.physics.system import ENERGIES
+from taichi_jello.simulation import Simulation, Snapshot
+
+
+class Trajectory:
+    """Moments of a run, kept in memory until `save`: time, x, v and energies of each `add`."""
+
+    def __init__(self, simulation: Simulation):
+        self.simulation = simulation
+        self.moments: list[tuple[Snapshot, dict[str, float]]] = []
+
+    def add(self) -> None:
+        self.moments.append((self.simulation.snapshot(), self.simulation.energies()))
+
+    def arrays(self) -> dict[str, Any]:
+        """F moments, N particles, S springs, T triangles: time (F,), x and v (F, N, 3), energy_* (F,), the body's
+        arrays, dt and method."""
+        body, simulation = self.simulation.body, self.simulation
+        names = ("mass", "jello", "springs", "rest_length", "stiffness", "damping", "family", "surface")
+        return (
+            {
+                "time": np.array([moment.time for moment, _ in self.moments]),
+                "x": np.array([moment.x for moment, _ in self.moments]),
+                "v": np.array([moment.v for moment, _ in self.moments]),
+            }
+            | {name: getattr(body, name) for name in names}
+            | {f"energy_{kind}": np.array([energy[kind] for _, energy in self.moments]) for kind in ENERGIES}
+            | {"dt": np.array(simulation.dt), "method": np.array(simulation.method)}
+        )
+
+    def save(self, path: Path) -> None:
+        """Write all at once: a run that fails leaves no half file, and an old file stays until the new one is whole."""
+        part = path.with_name(f".{path.name}.part")
+        try:
+            with part.open("wb") as file:
+                np.savez(file, **self.arrays())
+            os.replace(part, path)
+        finally:
+            part.unlink(missing_ok=True)
+
+
+def last_moment(path: Path) -> Snapshot:
+    """The last moment in an NPZ written by `jello run`, or its bare arrays x and v (N, 3), then at time 0.
+
+    Raises ValueError saying what the file lacks, OSError if it cannot be read.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            missing = [name for name in ("x", "v") if name not in arrays]
+            if missing:
+                raise ValueError(f"expected arrays x and v, {' and '.join(missing)} missing")
+            x, v = arrays["x"], arrays["v"]
+            time = float(arrays["time"].ravel()[-1]) if "time" in arrays and arrays["time"].size else 0.0
+    except (zipfile.BadZipFile, EOFError, AttributeError):
+        raise ValueError("expected an NPZ file") from None
+    if x.ndim == 3 and v.ndim == 3 and len(x) and len(v):
+        x, v = x[-1], v[-1]
+    return Snapshot(time, x, v)
