@@ -72,7 +72,7 @@ def stable_limit(amplification: Amplification, zeta: np.ndarray) -> np.ndarray:
         return spectral_radius(amplification(a, np.broadcast_to(zeta[:, None], a.shape))) > 1.0 + 1e-9
 
     # Scan from small to large, in steps relative to the scale 1/(1 + 2ζ) on which every limit lies, then bisect.
-    ladder = np.linspace(0.02, 6.0, 300) / (1.0 + 2.0 * zeta[:, None])
+    ladder = np.linspace(0.02, 9.0, 450) / (1.0 + 2.0 * zeta[:, None])
     bad = unstable(ladder)
     first = np.where(bad.any(1), bad.argmax(1), -1)
     rows = np.arange(len(zeta))

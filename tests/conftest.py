@@ -1,0 +1,54 @@
+"""Options and fixtures for all tests: `pytest --arch cuda` runs the suite on another Taichi arch."""
+
+import subprocess
+import sys
+
+import pytest
+
+from taichi_jello import runtime
+
+
+def pytest_addoption(parser):
+    parser.addoption("--arch", default="cpu", choices=runtime.ARCHES, help="Taichi arch to test on")
+
+
+def precisions(config):
+    """Vulkan and Metal have no f64 in Taichi."""
+    return ["f32"] if config.getoption("--arch") in ("vulkan", "metal") else ["f32", "f64"]
+
+
+def pytest_generate_tests(metafunc):
+    if "precision" in metafunc.fixturenames:
+        metafunc.parametrize("precision", precisions(metafunc.config), indirect=True, scope="module")
+
+
+@pytest.fixture(scope="module")
+def precision(request):
+    """Taichi started once per module and precision."""
+    runtime.start(request.config.getoption("--arch"), request.param)
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def best_precision(request):
+    """Taichi started in the highest precision that the arch has."""
+    chosen = precisions(request.config)[-1]
+    runtime.start(request.config.getoption("--arch"), chosen)
+    return chosen
+
+
+@pytest.fixture
+def epsilon():
+    """The rounding unit of the running precision."""
+    return runtime.current().epsilon
+
+
+@pytest.fixture
+def jello(tmp_path, request):
+    """Run the command line in a folder of its own: jello("run", "cube", …) -> CompletedProcess."""
+
+    def run(*arguments, timeout=120, **options):
+        command = [sys.executable, "-m", "taichi_jello", *map(str, arguments)]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=timeout, **options)
+
+    return run

@@ -1,0 +1,139 @@
+"""Every Taichi function of the physics, called alone from a small kernel."""
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from taichi_jello import Box, GridField, Plane, Room, Scene, Simulation, Sphere
+from taichi_jello.physics.colliders import plane, sphere
+from taichi_jello.physics.forces import contact, springs
+from taichi_jello.physics.system import not_finite
+
+
+def call(function, *arguments, length=0):
+    """The value of a Taichi function of numbers and sequences; `length` of the vector it returns, 0 for a number."""
+    out = np.zeros(max(length, 1))
+    packed = [ti.Vector(list(a)) if np.ndim(a) else a for a in arguments]
+
+    @ti.kernel
+    def run(out: ti.types.ndarray(dtype=ti.f64, ndim=1)):
+        value = function(*packed)
+        if ti.static(length == 0):
+            out[0] = value
+        else:
+            for axis in ti.static(range(length)):
+                out[axis] = value[axis]
+
+    if ti.cfg.default_fp == ti.f32 and ti.cfg.arch in (ti.vulkan, ti.metal):
+        pytest.fail("these functions are tested in kernels with f64 output, run them with --arch cpu or cuda")
+    run(out)
+    return out if length else out[0]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi(precision):
+    return precision
+
+
+def test_hooke_is_the_springs_law(epsilon):
+    k, rest = 200.0, 0.5
+    for length in (0.25, 0.5, 0.8, 3.0):
+        factor = call(springs.hooke, 1.0 / length, k, rest)
+        assert factor * length == pytest.approx(k * (length - rest), abs=8 * epsilon * k)
+
+
+def test_dashpot_damps_only_along_the_spring(epsilon):
+    d, c = np.array([0.3, -0.4, 1.2]), 0.25
+    n = d / np.linalg.norm(d)
+    w = np.array([1.0, 2.0, -0.5])
+    force = call(springs.dashpot, 1.0 / np.linalg.norm(d), d, w, c) * d
+    assert force == pytest.approx(c * w.dot(n) * n, abs=8 * epsilon)
+    across = np.cross(d, [1.0, 0.0, 0.0])
+    assert call(springs.dashpot, 1.0 / np.linalg.norm(d), d, across, c) == pytest.approx(0.0, abs=8 * epsilon)
+
+
+def test_pressure_never_pulls(epsilon):
+    assert call(contact.pressure, 0.01, 0.0, 2000.0, 0.5) == pytest.approx(20.0, rel=8 * epsilon)
+    assert call(contact.pressure, 0.01, -2.0, 2000.0, 0.5) == pytest.approx(21.0, rel=8 * epsilon)
+    assert call(contact.pressure, 0.01, 100.0, 2000.0, 0.5) == 0.0
+
+
+def test_friction_is_coulombs_when_sliding_and_viscous_at_rest(epsilon):
+    pressed, mu, grip = 3.0, 0.4, 2.0
+    fast = call(contact.rub, pressed, [500.0, 0.0, 0.0], mu, grip, length=3)
+    # |F| = μN / √(1 + (μN / g|u|)²), within (1.2 / 1000)² / 2 of μN.
+    assert fast == pytest.approx([-1.2, 0.0, 0.0], rel=1e-6 + 8 * epsilon)
+    slow = call(contact.rub, pressed, [0.0, 1e-4, 0.0], mu, grip, length=3)
+    assert slow == pytest.approx([0.0, -2e-4, 0.0], rel=1e-6 + 8 * epsilon)
+    assert np.all(call(contact.rub, 0.0, [0.0, 0.0, 0.0], mu, grip, length=3) == 0.0)
+
+
+def test_signed_distance_of_a_plane(epsilon):
+    normal = np.array([1.0, 2.0, -2.0]) / 3.0
+    touch = call(plane.signed_distance, [0.5, 0.25, 1.0], [*normal, 0.0], length=4)
+    assert touch == pytest.approx([*normal, normal.dot([0.5, 0.25, 1.0])], abs=8 * epsilon)
+
+
+def test_signed_distance_of_a_sphere_even_at_its_centre(epsilon):
+    touch = call(sphere.signed_distance, [0.0, 0.3, 0.4], [0.0, 0.0, 0.0, 0.8], length=4)
+    assert touch == pytest.approx([0.0, 0.6, 0.8, -0.3], abs=8 * epsilon)
+    assert list(call(sphere.signed_distance, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.5], length=4)) == [0, 1, 0, -0.5]
+
+
+def test_every_collider_has_its_own_surfaces():
+    assert Plane(normal=(0.0, 3.0, 4.0)).normal == pytest.approx((0.0, 0.6, 0.8))
+    rows = Room(min=(-1.0, 0.0, -2.0), max=(1.0, 3.0, 2.0)).rows(0.0, 1.0)
+    inside, outside = np.array([0.5, 1.0, 0.0]), np.array([0.5, -1.0, 0.0])
+    distance = [np.min(np.einsum("ij,ij->i", p - rows[:, :3], rows[:, 6:9])) for p in (inside, outside)]
+    assert distance == pytest.approx([0.5, -1.0])
+    moving = Sphere(center=(1.0, 0.0, 0.0), velocity=(2.0, 0.0, 0.0), radius=0.25).rows(0.5, 1.0)
+    assert moving[0] == pytest.approx([2.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.25])
+
+
+def test_one_runge_kutta_stage(epsilon):
+    """Stage 1 of RK4 stands at x + dt/2 v, v + dt/2 g and there finds the acceleration g."""
+    scene = Scene(jello=[Box(points=(1, 1, 1), velocity=(1.0, 2.0, 3.0))])
+    system = Simulation(scene, method="rk4").system
+    scheme, dt = system.integrator, 0.1
+
+    @ti.kernel
+    def two_stages():
+        scheme.stage(system, 0, 0.0, dt)
+
+    @ti.kernel
+    def second():
+        scheme.stage(system, 1, 0.0, dt)
+
+    two_stages()
+    second()
+    at = [system.memory.read(field)[0] for field in (scheme.at.x, scheme.at.v, scheme.acceleration)]
+    g = np.array([0.0, -9.81, 0.0])
+    assert at[0] == pytest.approx(np.array([1.0, 2.0, 3.0]) * dt / 2, abs=8 * epsilon)
+    assert at[1] == pytest.approx(np.array([1.0, 2.0, 3.0]) + g * dt / 2, abs=32 * epsilon)
+    assert at[2] == pytest.approx(g, rel=8 * epsilon)
+
+
+def test_grid_field_is_trilinear_and_its_last_index_is_z(epsilon):
+    """A field that is linear in x, y and z is reproduced exactly between the nodes."""
+    axes = [np.linspace(-1.0, 1.0, n) for n in (3, 4, 5)]
+    x, y, z = np.meshgrid(*axes, indexing="ij")
+    values = np.stack([x + 2.0 * y, z * x, 1.0 + y - z], -1)
+    field = GridField(values=values, min=(-1.0, -1.0, -1.0), max=(1.0, 1.0, 1.0))
+    system = Simulation(Scene(jello=[Box(points=(1, 1, 1))], force=[field])).system
+    force = next(f for f in system.all_forces if f.title == "grid field")
+    for p in ([0.1, -0.7, 0.35], [-1.0, 1.0, 0.0], [0.99, 0.99, -0.99]):
+        expected = [p[0] + 2 * p[1], p[2] * p[0], 1 + p[1] - p[2]]
+        assert call(force.at, p, length=3) == pytest.approx(expected, abs=16 * epsilon)
+    assert call(force.at, [5.0, 0.0, 0.0], length=3) == pytest.approx(call(force.at, [1.0, 0.0, 0.0], length=3))
+
+
+def test_not_finite_by_its_bits():
+    for value, bad in ((0.0, 0), (-1e30, 0), (np.inf, 1), (-np.inf, 1), (np.nan, 1)):
+        field = ti.field(float, shape=1)
+        field[0] = value
+
+        @ti.kernel
+        def ask(field: ti.template()) -> int:
+            return int(not_finite(field[0]))
+
+        assert ask(field) == bad

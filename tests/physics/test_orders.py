@@ -1,0 +1,58 @@
+"""Fitted orders of every scheme that there is, against SciPy's DOP853."""
+
+import numpy as np
+import pytest
+from reference import solve, twisted
+
+from taichi_jello import Box, Scene, Simulation, Snapshot
+from taichi_jello.physics.integrators import schemes
+
+STILL = (0.0, 0.0, 0.0)
+TOLERANCE = {1: 0.1, 2: 0.15, 4: 0.25}
+SECONDS = 0.04
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi(best_precision):
+    return best_precision
+
+
+@pytest.fixture(scope="module", params=[0.0, 0.05], ids=["undamped", "damped"])
+def smooth(request):
+    """A small cube, twisted and stretched, with its reference state after SECONDS."""
+    scene = Scene(gravity=STILL, jello=[Box(points=(4, 4, 4), mass=0.125, damping=request.param)])
+    body = scene.jello[0].body()
+    x, v = twisted(body.x), np.zeros_like(body.v)
+    return scene, x, v, solve(body, x, v, SECONDS)[0]
+
+
+@pytest.mark.filterwarnings("ignore:dt = ")  # undamped Euler has no safe step, but an order
+@pytest.mark.parametrize("name", sorted(schemes()))
+def test_error_falls_with_the_order_of_the_scheme(name, smooth):
+    scene, x, v, exact = smooth
+    order = schemes()[name].order
+    coarsest = 4e-4 / (5 - order) ** 2
+    errors, steps = [], []
+    simulation = Simulation(scene, method=name, substeps=100_000)
+    for halvings in range(4):
+        count = round(SECONDS / coarsest) * 2**halvings
+        simulation.restore(Snapshot(0.0, x, v))
+        simulation.dt = SECONDS / count  # an exact divisor of the time compared at
+        simulation.step(count)
+        errors.append(np.sqrt(np.mean((simulation.x - exact) ** 2)))
+        steps.append(simulation.dt)
+    slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert slope == pytest.approx(order, abs=TOLERANCE[order]), errors
+
+
+def test_rk4_agrees_with_dop853_on_the_whole_cube():
+    scene = Scene(gravity=STILL, jello=[Box()])
+    simulation = Simulation(scene, method="rk4", dt=1e-4)
+    body = simulation.body
+    x, v = twisted(body.x), np.zeros_like(body.v)
+    simulation.restore(Snapshot(0.0, x, v))
+    seconds = 6 * simulation.frame_dt
+    simulation.advance(seconds)
+    exact, _ = solve(body, x, v, seconds)
+    # (ω dt)⁴ = (57·√512·1e-4)⁴ of the amplitude would be 3e-4 for the fastest mode; damping leaves the slow ones.
+    assert np.abs(simulation.x - exact).max() <= 1e-8
