@@ -4,13 +4,13 @@ import os
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
-from taichi_jello.physics.colliders.plane import Plane  # noqa: E402
-from taichi_jello.physics.colliders.room import Room  # noqa: E402
-from taichi_jello.physics.colliders.sphere import Sphere  # noqa: E402
-from taichi_jello.physics.forces.field import CallableField, GridField, UniformField  # noqa: E402
-from taichi_jello.scene import Camera, Contact, Pin, Scene, SceneError, Solver  # noqa: E402
-from taichi_jello.shapes.lattice import Box  # noqa: E402
-from taichi_jello.simulation import Diverged, Simulation, Snapshot  # noqa: E402
+from taichi_jello.physics.colliders.plane import Plane
+from taichi_jello.physics.colliders.room import Room
+from taichi_jello.physics.colliders.sphere import Sphere
+from taichi_jello.physics.forces.field import CallableField, GridField, UniformField
+from taichi_jello.scene import Camera, Contact, Pin, Scene, SceneError, Solver
+from taichi_jello.shapes.lattice import Box
+from taichi_jello.simulation import Diverged, Simulation, Snapshot
 
 __all__ = [
     "Box",

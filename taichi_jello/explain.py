@@ -67,7 +67,9 @@ def text(told: dict[str, Any]) -> str:
         if rate["squared_frequency"] or rate["damping"]:
             lines.append(f"  {name:22s} Λ = {rate['squared_frequency']:.4g} /s²   Γ = {rate['damping']:.4g} /s")
     lines.append(f"  {'together':22s} Λ = {bound['squared_frequency']:.4g} /s²   Γ = {bound['damping']:.4g} /s")
-    limit = "no limit: nothing swings" if safe is None else f"safe dt = {safe:.4g} s (safety {bound['safety']:g} included)"
+    limit = (
+        "no limit: nothing swings" if safe is None else f"safe dt = {safe:.4g} s (safety {bound['safety']:g} included)"
+    )
     lines.append(f"  {limit}")
     lines.append(f"  dt = {told['dt']:.4g} s: {told['substeps']} substeps of a {told['frame_dt']:.4g} s frame")
     return "\n".join(lines)

@@ -77,7 +77,12 @@ def test_signed_distance_of_a_plane(epsilon):
 def test_signed_distance_of_a_sphere_even_at_its_centre(epsilon):
     touch = call(sphere.signed_distance, [0.0, 0.3, 0.4], [0.0, 0.0, 0.0, 0.8], length=4)
     assert touch == pytest.approx([0.0, 0.6, 0.8, -0.3], abs=8 * epsilon)
-    assert list(call(sphere.signed_distance, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.5], length=4)) == [0, 1, 0, -0.5]
+    assert list(call(sphere.signed_distance, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.5], length=4)) == [
+        0,
+        1,
+        0,
+        -0.5,
+    ]
 
 
 def test_every_collider_has_its_own_surfaces():

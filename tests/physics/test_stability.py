@@ -66,7 +66,8 @@ def grows(name, damping, dt, mode, steps=20_000):
         simulation.step(steps)
     except Diverged:
         return True
-    return np.linalg.norm(simulation.x - simulation.body.x) > 2 * small
+    # A stable swing may exceed its start: symplectic Euler's by 1/√(1 - a²/4), 4.1 at 0.97 of its limit.
+    return np.linalg.norm(simulation.x - simulation.body.x) > 8 * small
 
 
 @pytest.mark.filterwarnings("ignore:dt = ")

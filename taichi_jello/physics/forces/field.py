@@ -38,7 +38,9 @@ class GridField(Force):
         except (ValueError, TypeError):
             raise SceneError("values", "expected nested lists of numbers, x by y by z by 3") from None
         if values.ndim != 4 or values.shape[3] != 3 or min(values.shape[:3]) < 2:
-            raise SceneError("values", f"expected x by y by z by 3 numbers, at least 2 nodes each way, got {values.shape}")
+            raise SceneError(
+                "values", f"expected x by y by z by 3 numbers, at least 2 nodes each way, got {values.shape}"
+            )
         if not np.isfinite(values).all():
             raise SceneError("values", "expected finite numbers")
         low, high = vector("min", self.min), vector("max", self.max)
@@ -84,7 +86,9 @@ class GridForce(ParticleForce):
     def __init__(self, field, particles):
         self.shape = field.values.shape[:3]
         self.low = ti.Vector(list(field.min))
-        self.per_metre = ti.Vector([(n - 1) / (b - a) for n, a, b in zip(self.shape, field.min, field.max, strict=True)])
+        self.per_metre = ti.Vector(
+            [(n - 1) / (b - a) for n, a, b in zip(self.shape, field.min, field.max, strict=True)]
+        )
         self.nodes = particles.memory.table(self.title, "nodes", field.values.reshape(-1, 3))
         slopes = [np.diff(field.values, axis=axis) * self.per_metre[axis] for axis in range(3)]
         steepest = sum(float(np.linalg.norm(s, axis=-1).max()) for s in slopes)

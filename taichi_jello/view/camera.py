@@ -1,0 +1,116 @@
+"""Where a picture is taken from: an eye that circles a target, and the matrices both renderers draw with."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from taichi_jello.scene import Camera
+
+NEAR = 0.05  # m; nothing nearer to the eye is drawn
+FAR = 1000.0  # m
+STEEPEST = 0.995  # the sine of the steepest view up or down: at 1 the picture would spin about its own axis
+UP = np.array([0.0, 1.0, 0.0])
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.linalg.norm(vector)
+
+
+@dataclass
+class Viewpoint:
+    """A perspective camera, y up. eye, target (3,) [m]; fov: vertical field of view [degrees]."""
+
+    eye: np.ndarray
+    target: np.ndarray
+    fov: float = 40.0
+    _start: tuple[np.ndarray, np.ndarray] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self.eye, self.target = np.array(self.eye, float), np.array(self.target, float)
+        self._start = (self.eye.copy(), self.target.copy())
+
+    @classmethod
+    def of(cls, camera: Camera) -> "Viewpoint":
+        """The viewpoint that a scene asks for."""
+        return cls(np.array(camera.eye), np.array(camera.target), camera.fov)
+
+    def reset(self) -> None:
+        """Back to where it was made."""
+        self.eye, self.target = (part.copy() for part in self._start)
+
+    @property
+    def distance(self) -> float:
+        """From the eye to the target [m]."""
+        return float(np.linalg.norm(self.eye - self.target))
+
+    def axes(self) -> np.ndarray:
+        """(3, 3): the unit vectors to the right, up and back towards the viewer, one a row."""
+        back = _unit(self.eye - self.target)
+        up = UP if abs(back[1]) < 0.99999 else np.array([0.0, 0.0, -1.0])
+        right = _unit(np.cross(up, back))
+        return np.stack([right, np.cross(back, right), back])
+
+    def orbit(self, across: float, up: float) -> None:
+        """Circle the target by `across` [rad] to the right and by `up` [rad], never over the poles."""
+        arm = self.eye - self.target
+        length = np.linalg.norm(arm)
+        height = np.arcsin(np.clip(arm[1] / length, -1.0, 1.0)) + up
+        limit = np.arcsin(STEEPEST)
+        height = float(np.clip(height, -limit, limit))
+        around = np.arctan2(arm[0], arm[2]) + across
+        flat = np.cos(height)
+        self.eye = self.target + length * np.array([flat * np.sin(around), np.sin(height), flat * np.cos(around)])
+
+    def pan(self, right: float, up: float) -> None:
+        """Move eye and target together in the picture plane [m]."""
+        axes = self.axes()
+        shift = right * axes[0] + up * axes[1]
+        self.eye, self.target = self.eye + shift, self.target + shift
+
+    def zoom(self, factor: float) -> None:
+        """Multiply the distance to the target, kept between 5 cm and 500 m."""
+        arm = self.eye - self.target
+        length = float(np.clip(np.linalg.norm(arm) * factor, 0.05, 500.0))
+        self.eye = self.target + _unit(arm) * length
+
+    def view(self) -> np.ndarray:
+        """(4, 4) world to camera space, for column vectors."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.axes()
+        matrix[:3, 3] = -matrix[:3, :3] @ self.eye
+        return matrix
+
+    def projection(self, aspect: float) -> np.ndarray:
+        """(4, 4) camera space to clip space, for column vectors; the depth runs from 1 at NEAR to 0 at
+        FAR."""
+        focal = 1.0 / np.tan(np.radians(self.fov) / 2.0)
+        span = FAR - NEAR
+        return np.array(
+            [
+                [focal / aspect, 0.0, 0.0, 0.0],
+                [0.0, focal, 0.0, 0.0],
+                [0.0, 0.0, NEAR / span, FAR * NEAR / span],
+                [0.0, 0.0, -1.0, 0.0],
+            ]
+        )
+
+    def to_pixels(self, size: tuple[int, int]) -> np.ndarray:
+        """(3, 4): takes a point (x, y, z, 1) to (column·w, row·w, w), where w is its depth [m] along the view
+        and the picture's upper left corner is the pixel coordinate (0, 0)."""
+        width, height = size
+        clip = self.projection(width / height) @ self.view()
+        column = 0.5 * width * (clip[3] + clip[0])
+        row = 0.5 * height * (clip[3] - clip[1])
+        return np.stack([column, row, clip[3]])
+
+    def project(self, points: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+        """(n, 2) columns and rows [pixels] of points (n, 3) [m]; NaN for a point that is not before the
+        eye."""
+        matrix = self.to_pixels(size)
+        flat = np.asarray(points, float) @ matrix[:, :3].T + matrix[:, 3]
+        depth = np.where(flat[:, 2:] > NEAR, flat[:, 2:], np.nan)
+        return flat[:, :2] / depth
+
+    def pixels_per_meter(self, height: int) -> float:
+        """How many pixels one metre at a distance of one metre covers in a picture `height` pixels high."""
+        return 0.5 * height / float(np.tan(np.radians(self.fov) / 2.0))

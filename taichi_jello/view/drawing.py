@@ -1,0 +1,126 @@
+"""From a simulation's state to what a renderer draws: the same triangles, lines and dots for every
+renderer."""
+
+import numpy as np
+
+from taichi_jello.body import Body
+from taichi_jello.scene import COLORS, Scene
+from taichi_jello.view import palette
+from taichi_jello.view.camera import Viewpoint
+from taichi_jello.view.primitives import Dots, Lines, Triangles
+from taichi_jello.view.shading import look_from
+from taichi_jello.view.shadow import Shadow
+from taichi_jello.view.skin import Skin
+from taichi_jello.view.springs import Key, Springs
+from taichi_jello.view.surroundings import Surroundings
+
+DOT = 0.055  # a particle's drawn radius, of the median structural spring
+LAYERS = ("skin", "springs", "particles")
+
+
+class Drawing:
+    """What one scene looks like now. Parts that the scene lacks are None and cost nothing.
+
+    `update` fills them for one moment and one viewpoint; `hidden` names the LAYERS that are left out.
+    """
+
+    def __init__(self, scene: Scene, body: Body):
+        self.count = len(body)
+        self.hidden: set[str] = set()
+        self.color = scene.camera.color
+        self.viewpoint = Viewpoint.of(scene.camera)
+        self.surroundings = Surroundings(scene) if scene.collider else None
+        solids = [] if self.surroundings is None else [s for s in self.surroundings.surfaces if not s.level]
+        self._solids = solids
+        self._points = np.zeros((self.count + sum(len(s.points) for s in solids), 3), np.float32)
+        self._speeds = np.zeros((self.count, 3), np.float32)
+        self.skin = Skin(body) if len(body.surface) else None
+        self.springs = Springs(body) if len(body.springs) else None
+        self.shadows = self._make_shadows(body)
+        self._dots = Dots(self.points, np.tile(palette.PARTICLE, (self.count, 1)).astype(np.float32), _radius(body))
+
+    @property
+    def points(self) -> np.ndarray:
+        """(N, 3) float32: the particles when last updated [m]."""
+        return self._points[: self.count]
+
+    def _make_shadows(self, body: Body) -> list[tuple[int, Shadow]]:
+        if self.surroundings is None:
+            return []
+        # A jello without a skin casts its springs' shadows: triangles of no area cover one cell in width.
+        bare = np.setdiff1d(body.jello, body.jello[body.surface])
+        threads = body.springs[np.isin(body.jello[body.springs[:, 0]], bare)]
+        faces = [body.surface, threads[:, [0, 1, 1]]]
+        start = self.count
+        for solid in self._solids:
+            faces.append(solid.faces + start)
+            start += len(solid.points)
+        joined = np.concatenate(faces)
+        extent = float(np.ptp(body.x, axis=0).max()) if self.count > 1 else 0.0
+        level = [(i, s) for i, s in enumerate(self.surroundings.surfaces) if s.level and s.normal[0][1] > 0.3]
+        return [(i, Shadow(s, joined, extent)) for i, s in level] if len(joined) and extent > 0.0 else []
+
+    def update(
+        self,
+        x: np.ndarray,
+        v: np.ndarray,
+        time: float,
+        *,
+        viewpoint: Viewpoint | None = None,
+        color: str = "",
+    ) -> None:
+        """Fill every part from positions x (N, 3) [m] and velocities v (N, 3) [m/s] at `time` [s], as seen
+        from `viewpoint`. color, one of COLORS, and viewpoint are by default the scene's own."""
+        color = color or self.color
+        if color not in COLORS:
+            raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
+        self.viewpoint = self.viewpoint if viewpoint is None else viewpoint
+        look = look_from(self.viewpoint)
+        self._points[: self.count], self._speeds[:] = x, v
+        if self.surroundings is not None:
+            origins = self.surroundings.origins(time)
+            self._move_solids(self.surroundings, origins)
+            self.surroundings.update(origins, look)
+            for index, shadow in self.shadows:
+                shadow.update(self._points, origins[index], look)
+        if self.springs is not None:
+            self.springs.update(self._points, self._speeds, look, color)
+        if self.skin is not None and "skin" not in self.hidden:
+            self.skin.update(self._points, look)
+
+    def _move_solids(self, surroundings: Surroundings, origins: np.ndarray) -> None:
+        start = self.count
+        for surface, origin in zip(surroundings.surfaces, origins, strict=True):
+            if not surface.level:
+                self._points[start : start + len(surface.points)] = surface.points + origin
+                start += len(surface.points)
+
+    @property
+    def key(self) -> Key:
+        """What the springs' colours mean now."""
+        return self.springs.key if self.springs is not None and "springs" not in self.hidden else Key()
+
+    @property
+    def opaque(self) -> list[Triangles]:
+        around = [] if self.surroundings is None else [self.surroundings.triangles]
+        return around + [shadow.triangles for _, shadow in self.shadows]
+
+    @property
+    def lines(self) -> list[Lines]:
+        grid = [] if self.surroundings is None else [self.surroundings.lines]
+        springs = [] if self.springs is None or "springs" in self.hidden else [self.springs.lines]
+        return [lines for lines in grid + springs if len(lines.x)]
+
+    @property
+    def dots(self) -> Dots | None:
+        return None if "particles" in self.hidden else self._dots
+
+    @property
+    def blended(self) -> Triangles | None:
+        return None if self.skin is None or "skin" in self.hidden else self.skin.triangles
+
+
+def _radius(body: Body) -> float:
+    near = body.rest_length[body.family == 0]
+    near = near if len(near) else body.rest_length
+    return DOT * float(np.median(near)) if len(near) else 0.02

@@ -1,0 +1,65 @@
+"""The renderer for machines without a Vulkan driver: Taichi kernels fill the pixels."""
+
+import numpy as np
+
+from taichi_jello import runtime
+from taichi_jello.runtime import RuntimeProblem
+from taichi_jello.view import fill, palette
+from taichi_jello.view.camera import Viewpoint
+from taichi_jello.view.drawing import Drawing
+from taichi_jello.view.primitives import Triangles
+
+ROWS = 720  # line widths are given for a picture this high
+
+
+class Raster:
+    """Draws into memory. size: (width, height) [pixels]; samples: 1, or 2 for four samples a pixel."""
+
+    name = "raster"
+
+    def __init__(self, size: tuple[int, int], samples: int = 2):
+        self._runtime = runtime.current()
+        if self._runtime.arch in ("vulkan", "metal"):
+            raise RuntimeProblem(f"raster: needs 64-bit atomics, which {self._runtime.arch} lacks; use --arch cpu")
+        self.size, self.samples = size, samples
+        width, height = size
+        self._pixels = np.zeros((height * samples, width * samples), np.int64)
+        self._image = np.zeros((height, width, 3), np.uint8)
+        self._box, self._edge = np.zeros((0, 4), np.int32), np.zeros((0, 9), np.float32)
+
+    def draw(self, drawing: Drawing, viewpoint: Viewpoint) -> None:
+        runtime.check(self._runtime)
+        height, width = self._pixels.shape
+        scale = height / ROWS
+        matrix = viewpoint.to_pixels((width, height)).astype(np.float32)
+        fill.backdrop(self._pixels, palette.SKY_TOP, palette.SKY_LOW)
+        for mesh in drawing.opaque:
+            fill.triangles(self._pixels, mesh.rgba, mesh.index, *self._prepare(mesh, matrix))
+        for batch in drawing.lines:
+            fill.lines(self._pixels, matrix, batch.x, batch.rgb, max(batch.width * scale, 1.0))
+        dots = drawing.dots
+        if dots is not None:
+            reach = dots.radius * viewpoint.pixels_per_meter(height)
+            fill.dots(self._pixels, matrix, dots.x, dots.rgb, fill.vec3(*viewpoint.eye), reach, dots.radius)
+        skin = drawing.blended
+        if skin is not None:
+            fill.skin(self._pixels, skin.rgba, skin.index, *self._prepare(skin, matrix))
+
+    def _prepare(self, mesh: Triangles, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        count = len(mesh.index)
+        if count > len(self._box):
+            self._box, self._edge = np.zeros((count, 4), np.int32), np.zeros((count, 9), np.float32)
+        box, edge = self._box[:count], self._edge[:count]
+        height, width = self._pixels.shape
+        fill.prepare(matrix, mesh.x, mesh.index, width, height, box, edge)
+        return box, edge
+
+    def image(self) -> np.ndarray:
+        """(height, width, 3) uint8: what was drawn last, a copy."""
+        runtime.check(self._runtime)
+        fill.resolve(self._pixels, self._image, self.samples)
+        return self._image.copy()
+
+    def close(self) -> None:
+        """Let go of the picture's memory."""
+        self._pixels = np.zeros((0, 0), np.int64)

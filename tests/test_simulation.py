@@ -1,0 +1,124 @@
+"""Clock, restart, divergence and the life of a Taichi start."""
+
+import numpy as np
+import pytest
+
+from taichi_jello import (
+    Box,
+    CallableField,
+    Diverged,
+    Plane,
+    Room,
+    Scene,
+    SceneError,
+    Simulation,
+    Snapshot,
+    Solver,
+    Sphere,
+    UniformField,
+    runtime,
+)
+from taichi_jello.physics.integrators import schemes
+
+SMALL = Box(points=(3, 3, 3), mass=0.05, position=(0.0, 0.8, 0.0))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi(precision):
+    return precision
+
+
+@pytest.mark.parametrize("method", sorted(schemes()))
+def test_a_run_cut_in_two_gives_the_same_bits(method):
+    """Cut within a frame and at a frame's end, with a moving collider, and restored into a new simulation."""
+    scene = Scene(jello=[SMALL], collider=[Plane(), Sphere(radius=0.2, swing=(0.1, 0.0, 0.0))])
+    whole = Simulation(scene, method=method)
+    steps = 12 * whole.substeps
+    whole.step(steps)
+    parts = Simulation(scene, method=method)
+    for cut in (5 * whole.substeps, 3 * whole.substeps + 1, 4 * whole.substeps - 1):
+        parts.step(cut)
+        kept = parts.snapshot()
+        parts = Simulation(scene, method=method)
+        parts.restore(kept)
+    assert parts.time == pytest.approx(whole.time, abs=1e-12)
+    assert np.array_equal(whole.x, parts.x) and np.array_equal(whole.v, parts.v)
+
+
+def test_clock_and_arrays():
+    simulation = Simulation(Scene(jello=[SMALL, Box(points=(2, 2, 2))], solver=Solver(frame_dt=0.02)))
+    assert simulation.x.shape == simulation.v.shape == (35, 3)
+    simulation.frame()
+    assert simulation.time == pytest.approx(0.02)
+    simulation.advance(0.1)
+    assert simulation.time == pytest.approx(0.12)
+    energies = simulation.energies()
+    assert set(energies) == {"kinetic", "elastic", "gravity", "contact"}
+    body, x, v = simulation.body, simulation.x.astype(float), simulation.v.astype(float)
+    assert energies["kinetic"] == pytest.approx(0.5 * np.sum(body.mass * np.sum(v**2, 1)), rel=1e-5)
+    assert energies["gravity"] == pytest.approx(9.81 * np.sum(body.mass * x[:, 1]), rel=1e-5, abs=1e-5)
+    simulation.reset()
+    assert simulation.time == 0.0 and np.array_equal(simulation.x, simulation.start.x)
+
+
+def test_uniform_and_callable_fields_push(epsilon):
+    def wind(x, v, t):
+        return (2.0 * t - 0.1 * v[0]) * x + (1.0 - 2.0 * t) * x
+
+    point = Box(points=(1, 1, 1), mass=2.0, position=(0.3, 0.0, 0.0))
+    plain = Scene(gravity=(0.0, 0.0, 0.0), jello=[point], force=[UniformField(force=(0.0, 4.0, 0.0))])
+    simulation = Simulation(plain)
+    simulation.advance(0.5)
+    assert simulation.v[0] == pytest.approx([0.0, 1.0, 0.0], abs=64 * epsilon)
+    custom = Simulation(Scene(gravity=(0.0, 0.0, 0.0), jello=[point], force=[CallableField(function=wind)]), dt=1e-3)
+    custom.advance(0.5)
+    # m x'' = x (1 - 0.1 x'), nearly x(0) cosh(t/√2): the drag term changes it by less than 1 %.
+    assert custom.x[0, 0] == pytest.approx(0.3 * np.cosh(0.5 / np.sqrt(2.0)), rel=0.01)
+    assert custom.system.integrator.order == 4
+
+
+@pytest.mark.filterwarnings("ignore:dt = ")
+def test_bad_numbers_stop_at_the_last_good_state():
+    simulation = Simulation(Scene(jello=[Box(points=(2, 2, 2)), SMALL]), dt=0.02)
+    with pytest.raises(Diverged) as caught:
+        for _ in range(100):
+            before = simulation.snapshot()
+            simulation.frame()
+    record = caught.value.record
+    assert np.isfinite(simulation.x).all() and np.array_equal(simulation.x, before.x)
+    assert record["last_good_time"] == simulation.time == before.time < record["time"]
+    assert record["dt"] > record["safe_dt"] and record["jello"] in (0, 1)
+    assert "particle" in str(caught.value) and "safe dt" in str(caught.value)
+    simulation.restore(simulation.start)
+    simulation.step(1)  # nothing of the failure is left behind
+    assert np.isfinite(simulation.x).all()
+
+
+def test_restore_refuses_what_does_not_fit():
+    simulation = Simulation(Scene(jello=[SMALL]))
+    good = np.zeros((27, 3))
+    for x, v, problem in (
+        (good[:5], good, "x: expected 27 particles"),
+        (good, good[:, :2], "v: expected 27 particles"),
+        (good * np.nan, good, "x: expected finite numbers"),
+        (good, np.full((27, 3), "a"), "v: expected finite numbers"),
+    ):
+        with pytest.raises(ValueError, match=problem):
+            simulation.restore(Snapshot(0.0, x, v))
+    with pytest.raises(ValueError, match="seconds"):
+        simulation.advance(-1.0)
+
+
+def test_impossible_scenes_are_refused():
+    with pytest.raises(SceneError, match=r"collider.0: expected a box around jello.0"):
+        Simulation(Scene(jello=[Box()], collider=[Room(min=(-0.2, 0.0, -0.2), max=(0.2, 0.4, 0.2))]))
+    with pytest.raises(SceneError, match=r"solver.method: expected one of .*rk4.*, got 'leapfrog'"):
+        Simulation(Scene(jello=[SMALL]), method="leapfrog")
+
+
+def test_a_simulation_does_not_outlive_its_taichi(precision, request):
+    simulation = Simulation(Scene(jello=[SMALL]))
+    runtime.start(request.config.getoption("--arch"), precision)
+    for use in (simulation.frame, simulation.energies, simulation.reset, lambda: simulation.x):
+        with pytest.raises(runtime.RuntimeProblem, match="started again"):
+            use()

@@ -1,0 +1,136 @@
+import numpy as np
+import pytest
+from still import Still, cube_scene
+
+from taichi_jello import runtime
+from taichi_jello.physics.colliders.sphere import Sphere
+from taichi_jello.runtime import RuntimeProblem
+from taichi_jello.scene import Scene
+from taichi_jello.shapes.lattice import Box
+from taichi_jello.view.renderers import drawing_of, open_renderer, picture
+from taichi_jello.view.springs import layers, ramp_table, round_up
+from taichi_jello.view.subdivide import subdivide
+
+
+def drawing_at(simulation, **options):
+    drawing = drawing_of(simulation)
+    drawing.update(simulation.x, simulation.v, simulation.time, **options)
+    return drawing
+
+
+def test_scales_end_at_one_two_or_five():
+    values = (0.011, 0.02, 0.021, 3.0, 5.1, 99.0, 100.0, 0.0, float("inf"))
+    assert [round_up(v) for v in values] == pytest.approx([0.02, 0.02, 0.05, 5.0, 10.0, 100.0, 100.0, 1.0, 1.0])
+
+
+def test_the_scale_has_no_memory(cube):
+    fresh = drawing_at(cube)
+    used = drawing_of(cube)
+    cube.put(3.0 * cube.body.x)
+    used.update(cube.x, cube.v, 0.0)
+    assert used.key.most > fresh.key.most
+    cube.put(cube.body.x)
+    used.update(cube.x, cube.v, 0.0)
+    assert used.key.most == fresh.key.most
+    assert np.array_equal(used.springs.lines.rgb, fresh.springs.lines.rgb)
+
+
+def test_strain_of_a_uniform_stretch_is_read_off_the_legend(cube):
+    drawing = drawing_at(cube.put(1.2 * cube.body.x), color="strain")
+    assert (drawing.key.unit, drawing.key.most) == ("%", pytest.approx(20.0))
+    assert np.allclose(drawing.springs.load, 0.2, atol=1e-5)
+    assert np.allclose(drawing.springs.lines.rgb, ramp_table()[-1], atol=0.03)
+
+
+def test_force_counts_spring_and_dashpot(cube):
+    """A cube at rest length that grows at the rate 1/s: every spring carries damping times its length."""
+    drawing = drawing_at(cube.put(cube.body.x, cube.body.x))
+    expected = np.sort(cube.body.damping * cube.body.rest_length)
+    assert np.allclose(np.sort(drawing.springs.load), expected, rtol=1e-3)
+
+
+def test_what_a_scene_lacks_is_not_there():
+    chain = drawing_at(Still(Scene(jello=(Box(points=(1, 1, 6)),))))
+    assert chain.skin is None and chain.surroundings is None and chain.opaque == [] and chain.blended is None
+    dot = drawing_at(Still(Scene(jello=(Box(points=(1, 1, 1)),))))
+    assert dot.springs is None and dot.lines == [] and dot.key.ramp is None
+
+
+def test_a_scene_of_one_ball_draws():
+    drawing = drawing_at(Still(Scene(jello=(Box(points=(2, 2, 2)),), collider=(Sphere(center=(0, -2, 0)),))))
+    assert drawing.shadows == [] and len(drawing.opaque) == 1
+
+
+def test_a_dense_body_shows_structural_springs_first():
+    body = Still(cube_scene(points=6)).body
+    layer = layers(body)
+    assert set(body.family[layer == 0]) == {0} and set(layer) == {0, 1, 2}
+    assert np.all(layer[body.family == 0] == 0)
+
+
+def test_fine_skin_lies_on_the_coarse_one_and_bevels_its_edges():
+    body = Box(points=(4, 4, 4)).body()
+    fine = subdivide(body.rest, body.surface)
+    assert len(fine.index) == 9 * len(body.surface)
+    x = np.einsum("vk,vki->vi", fine.share, body.rest[fine.parent])
+    assert np.allclose(np.abs(x).max(1), 0.5)
+    a, b, c = (x[fine.index[:, k]] for k in range(3))
+    n = np.cross(b - a, c - a)
+    assert np.linalg.norm(n, axis=1).sum() / 2 == pytest.approx(6.0)
+    assert np.all(np.einsum("ij,ij->i", n, a) > 0.0)  # outward, as the coarse ones
+    assert np.unique(np.round(x, 6), axis=0).shape == x.shape  # welded over the cube's edges
+
+
+def test_a_sheet_keeps_its_two_sides_apart():
+    body = Box(points=(4, 1, 4)).body()
+    fine = subdivide(body.rest, body.surface)
+    side = np.sign(np.cross(*(body.rest[body.surface[:, k]] - body.rest[body.surface[:, 0]] for k in (1, 2)))[:, 1])
+    for start, end in zip(fine.start[:-1], fine.start[1:], strict=True):
+        assert len(set(side[fine.item[start:end] // 3])) == 1
+
+
+def test_inner_sides_are_blended_before_outer_ones(cube):
+    drawing = drawing_at(cube)
+    skin = drawing.blended
+    a, b, c = (skin.x[skin.index[:, k]] for k in range(3))
+    outer = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - drawing.viewpoint.eye) < 0.0
+    assert outer.any() and not outer.all()
+    assert np.all(np.diff(outer.astype(int)) >= 0)
+
+
+def test_wrong_wishes_are_named(cube):
+    with pytest.raises(ValueError, match="color"):
+        drawing_at(cube, color="heat")
+    for wish in ({"name": "metal"}, {"size": (8, 8)}, {"samples": 3}):
+        with pytest.raises(RuntimeProblem, match=next(iter(wish)) if "name" not in wish else "renderer"):
+            open_renderer(**wish)
+
+
+def test_ggui_without_a_driver_says_so(monkeypatch):
+    monkeypatch.setattr("taichi_jello.view.ggui.core.with_vulkan", lambda: False)
+    with pytest.raises(RuntimeProblem, match="Vulkan"):
+        open_renderer("ggui")
+    assert open_renderer("auto", (64, 64)).name == "raster"
+
+
+def test_a_window_without_a_screen_says_so(monkeypatch, cube):
+    from taichi_jello.view.viewer import play
+
+    monkeypatch.setattr("taichi_jello.view.ggui.core.with_vulkan", lambda: True)
+    monkeypatch.setenv("DISPLAY", ":987")
+    with pytest.raises(RuntimeProblem, match=":987"):
+        play(cube)
+
+
+def test_picture_leaves_nothing_behind(tmp_path, monkeypatch, cube):
+    monkeypatch.chdir(tmp_path)
+    image = picture(cube, (160, 90), samples=1)
+    assert image.shape == (90, 160, 3) and image.dtype == np.uint8
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_dead_start_is_noticed(cube):
+    drawing, renderer = drawing_at(cube), open_renderer("raster", (64, 64), 1)
+    runtime.start()
+    with pytest.raises(RuntimeProblem, match="again"):
+        renderer.draw(drawing, drawing.viewpoint)
