@@ -7,7 +7,15 @@ def scene() -> Scene:
     return Scene(
         title="Jello cube",
         seconds=6.0,
-        jello=[Box(position=(-0.45, 2.3, 0.1), rotation=(25.0, 0.0, 30.0), velocity=(3.0, 0.0, 0.4))],
+        jello=[
+            Box(
+                position=(-0.45, 2.3, 0.1),
+                rotation=(25.0, 0.0, 30.0),
+                velocity=(3.0, 0.0, 0.4),
+                stiffness=30.0,
+                damping=0.03,
+            )
+        ],
         collider=[
             Room(min=(-1.6, 0.0, -1.3), max=(1.6, 4.0, 1.3)),
             Sphere(center=(-0.2, 0.1, 0.0), radius=0.45),

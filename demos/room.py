@@ -13,8 +13,8 @@ def scene() -> Scene:
                 position=(0.0, 1.2, 0.0),
                 velocity=(9.0, 7.0, 6.0),
                 spin=(1.0, 3.0, 2.0),
-                stiffness=120.0,
-                damping=0.03,
+                stiffness=20.0,
+                damping=0.01,
             )
         ],
         contact=Contact(damping=0.05, friction=0.1),

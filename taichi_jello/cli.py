@@ -273,7 +273,7 @@ def do_study(chosen: argparse.Namespace) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command; returns the exit status: 0 done, 2 a mistake in the call or the scene, 3 the numbers went bad."""
+    """Run one command. Exit status: 0 done, 2 a mistake in the call or the scene, 3 the numbers went bad."""
     warnings.showwarning = lambda message, *_, **__: print(f"jello: warning: {message}", file=sys.stderr)
     arguments = sys.argv[1:] if arguments is None else arguments
     parser = options()

@@ -119,14 +119,12 @@ class Simulation:
     @property
     def x(self) -> np.ndarray:
         """(N, 3) positions [m]."""
-        runtime.check(self.system.owner)
-        return self.system.memory.read(self.system.state.x)
+        return self.snapshot().x
 
     @property
     def v(self) -> np.ndarray:
         """(N, 3) velocities [m/s]."""
-        runtime.check(self.system.owner)
-        return self.system.memory.read(self.system.state.v)
+        return self.snapshot().v
 
     def energies(self) -> dict[str, float]:
         """Kinetic, elastic, gravity (zero at y = 0) and contact energy [J]."""
@@ -164,7 +162,6 @@ class Simulation:
 
     def _fail(self, particle: int, part: int) -> None:
         failed = self.time + part * self.dt
-        self.system.return_to_good()
         raise Diverged(
             {
                 "time": failed,
@@ -177,7 +174,9 @@ class Simulation:
         )
 
     def snapshot(self) -> Snapshot:
-        return Snapshot(self.time, self.x, self.v)
+        """A copy of this moment."""
+        runtime.check(self.system.owner)
+        return Snapshot(self.time, *self.system.read())
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back (or on) to a snapshot of the same scene; running on from it gives the same bits as before.
@@ -192,10 +191,8 @@ class Simulation:
                 raise ValueError(f"{name}: expected {shape[0]} particles, shape {shape}, got shape {values.shape}")
             if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
                 raise ValueError(f"{name}: expected finite numbers")
-        self.system.memory.write(self.system.state.x, snapshot.x)
-        self.system.memory.write(self.system.state.v, snapshot.v)
+        self.system.write(snapshot.x, snapshot.v)
         self._set_time(snapshot.time)
-        self.system.keep_if_finite()
 
     def _set_time(self, time: float) -> None:
         """Find the frame and substep of `time`; a time between substeps becomes a frame's beginning of its own."""

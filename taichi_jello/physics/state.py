@@ -11,17 +11,20 @@ from taichi_jello import runtime
 LANES = 32  # particles in one block; a block's mask in the gather table is one 32-bit word
 
 
-@dataclass
+@ti.data_oriented
+@dataclass(eq=False)
 class Memory:
     """Makes every Taichi field of a simulation and remembers whose it is and how many bytes it takes.
 
     particles: N; guard: places before the first and after the last particle that a block may read, never use.
+    Tables get their values together in `fill`: one kernel to compile instead of one for each.
     """
 
     particles: int
     guard: int
     owner: runtime.Runtime = field(default_factory=runtime.current)
     fields: list[tuple[str, str, int]] = field(default_factory=list)
+    tables: list[tuple[Any, np.ndarray]] = field(default_factory=list)
 
     @property
     def padded(self) -> int:
@@ -57,26 +60,42 @@ class Memory:
         return ti.Vector.field(3, float, shape=shape, offset=offset, layout=ti.Layout.SOA)
 
     def table(self, owner: str, name: str, values: np.ndarray) -> ti.Field:
-        """A field with the values of a NumPy array: (n,) numbers or (n, k) vectors, floats in this precision."""
-        kind = int if values.dtype.kind in "iu" else float
-        values = values.astype(np.int32 if kind is int else self.number)
+        """A field for the values of a NumPy array: (n,) numbers or (n, k) vectors, floats in this precision."""
+        kind, number = (int, np.int32) if values.dtype.kind in "iu" else (float, self.number)
+        values = values.astype(number)
         self.fields.append((owner, name, values.nbytes))
-        if values.ndim == 1:
-            made = ti.field(kind, shape=len(values))
-        else:
-            made = ti.Vector.field(values.shape[1], kind, shape=len(values))
-        made.from_numpy(values)
+        vectors = values.ndim == 2
+        made = ti.Vector.field(values.shape[1], kind, len(values)) if vectors else ti.field(kind, len(values))
+        self.tables.append((made, values))
         return made
 
-    def write(self, target: ti.MatrixField, values: np.ndarray) -> None:
-        """Put (N, 3) values into a field made by `vectors`."""
-        places = np.zeros((self.padded + 2 * self.guard, 3), self.number)
-        places[self.guard : self.guard + self.particles] = values
-        target.from_numpy(places)
+    def fill(self) -> None:
+        """Write all tables."""
+        self.targets = tuple(made for made, _ in self.tables)
+        self.shapes = tuple(values.reshape(len(values), -1).shape for _, values in self.tables)
+        self.whole = tuple(values.dtype == np.int32 for _, values in self.tables)
+        packed, starts = {True: [np.zeros(1, np.int32)], False: [np.zeros(1, self.number)]}, []
+        for (_, values), whole in zip(self.tables, self.whole, strict=True):
+            starts.append(sum(map(len, packed[whole])))
+            packed[whole].append(values.ravel())
+        self.starts = tuple(starts)
+        self._fill(np.concatenate(packed[True]), np.concatenate(packed[False]))
 
-    def read(self, source: ti.MatrixField) -> np.ndarray:
-        """(N, 3) values of a field made by `vectors`."""
-        return source.to_numpy()[self.guard : self.guard + self.particles]
+    @ti.kernel
+    def _fill(self, ints: ti.types.ndarray(), floats: ti.types.ndarray()):
+        for k in ti.static(range(len(self.targets))):
+            width = ti.static(self.shapes[k][1])
+            for i in range(self.shapes[k][0]):
+                for column in ti.static(range(width)):
+                    place = self.starts[k] + i * width + column
+                    if ti.static(width == 1 and self.whole[k]):
+                        self.targets[k][i] = ints[place]
+                    elif ti.static(width == 1):
+                        self.targets[k][i] = floats[place]
+                    elif ti.static(self.whole[k]):
+                        self.targets[k][i][column] = ints[place]
+                    else:
+                        self.targets[k][i][column] = floats[place]
 
 
 @ti.data_oriented

@@ -39,6 +39,7 @@ class System:
         self.owner = self.memory.owner
         self.state = State.made_in(self.memory, "state")
         self.good = State.made_in(self.memory, "last good state")
+        self.first_bad = self.memory.table("last good state", "first bad particle", np.zeros(1, np.int32))
         self.particles = Particles(body, self.memory)
         made = {kind: kind.made_for(scene, self.particles) for kind in force_kinds()}
         self.absent = [kind.title for kind, found in made.items() if not found]
@@ -50,8 +51,8 @@ class System:
         self.integrator = Scheme(self.memory, self.state, damped=any(f.reads_velocity for f in self.all_forces))
         small = self.owner.on_cpu and (self.owner.threads == 1 or self.count < SERIAL_PARTICLES)
         self.serial = small if serial is None else serial
-        self.memory.write(self.state.x, body.x)
-        self.memory.write(self.state.v, np.where(body.pinned[:, None], 0.0, body.v))
+        self.memory.fill()
+        self.write(body.x, np.where(body.pinned[:, None], 0.0, body.v))
         self.bound: Bound = largest_dt(Scheme.amplification, Scheme.safety, self.rates, scene.drag)
 
     @ti.func
@@ -59,12 +60,12 @@ class System:
         """a = f(x, v, t)/m for every particle, f the sum of the forces the scene has."""
         for p in range(self.passes):
             first = p * self.lanes
-            for lane in range(self.lanes):
-                a[first + lane] = ti.Vector([0.0, 0.0, 0.0])
+            last = ti.min(first + self.lanes, self.count)
+            for i in range(first, last):
+                a[i] = ti.Vector([0.0, 0.0, 0.0])
             for force in ti.static(self.in_passes):
-                force.on_pass(p, x, v, t, a)
-            for lane in range(self.lanes):
-                i = first + lane
+                force.on_pass(first, last, x, v, t, a)
+            for i in range(first, last):
                 total = a[i]
                 for force in ti.static(self.one_by_one):
                     total += force.on(i, x, v, t)
@@ -109,32 +110,51 @@ class System:
         for force in self.all_forces:
             force.begin_frame(start, end)
 
+    def write(self, x: np.ndarray, v: np.ndarray) -> None:
+        """Set the state, (N, 3) each, and remember it as good."""
+        self._write(np.hstack([x, v]).astype(self.memory.number))
+
     @ti.kernel
-    def _first_bad(self) -> int:
-        """The first particle whose numbers are not finite (all exponent bits set), or the particle count."""
-        first = self.count
+    def _write(self, values: ti.types.ndarray()):
+        for i in range(self.count):
+            for axis in ti.static(range(3)):
+                self.state.x[i][axis] = values[i, axis]
+                self.state.v[i][axis] = values[i, 3 + axis]
+            self.good.x[i], self.good.v[i] = self.state.x[i], self.state.v[i]
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """The state, x and v, (N, 3) each."""
+        values = np.empty((self.count, 6), self.memory.number)
+        self._read(values)
+        return values[:, :3].copy(), values[:, 3:].copy()
+
+    @ti.kernel
+    def _read(self, values: ti.types.ndarray()):
+        for i in range(self.count):
+            for axis in ti.static(range(3)):
+                values[i, axis] = self.state.x[i][axis]
+                values[i, 3 + axis] = self.state.v[i][axis]
+
+    def keep_if_finite(self) -> int | None:
+        """Remember the state as good; or, if it has numbers that are not finite, go back to the last good one and
+        return the first particle with such a number."""
+        self._find_bad()
+        bad = self.first_bad[0]
+        return bad if bad < self.count else None
+
+    @ti.kernel
+    def _find_bad(self):
+        for k in range(1):
+            self.first_bad[k] = self.count
         for i in range(self.count):
             for axis in ti.static(range(3)):
                 if not_finite(self.state.x[i][axis]) or not_finite(self.state.v[i][axis]):
-                    ti.atomic_min(first, i)
-        return first
-
-    @ti.kernel
-    def _copy(self, source: ti.template(), target: ti.template()):
+                    ti.atomic_min(self.first_bad[0], i)
         for i in range(self.count):
-            target.x[i] = source.x[i]
-            target.v[i] = source.v[i]
-
-    def keep_if_finite(self) -> int | None:
-        """Remember the state as good, or return the first particle with a number that is not finite."""
-        bad = self._first_bad()
-        if bad < self.count:
-            return bad
-        self._copy(self.state, self.good)
-        return None
-
-    def return_to_good(self) -> None:
-        self._copy(self.good, self.state)
+            if self.first_bad[0] == self.count:
+                self.good.x[i], self.good.v[i] = self.state.x[i], self.state.v[i]
+            else:
+                self.state.x[i], self.state.v[i] = self.good.x[i], self.good.v[i]
 
     @ti.kernel
     def _energy_shares(self, out: ti.types.ndarray()):

@@ -1,8 +1,8 @@
 """What physics tests share: the forces that a simulation computes for any state."""
 
-import numpy as np
 import pytest
 import taichi as ti
+from reference import read
 
 from taichi_jello import Snapshot
 
@@ -29,7 +29,7 @@ def forces():
         compiled[id(simulation.system)] = system, fill, out
         system.begin_frame(0.0, simulation.frame_dt)
         fill()
-        result = system.memory.read(out).astype(np.float64) * simulation.body.mass[:, None]
+        result = read(system.memory, out) * simulation.body.mass[:, None]
         simulation.restore(start)
         return result
 

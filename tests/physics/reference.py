@@ -4,6 +4,11 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 
+def read(memory, field):
+    """(N, 3) values of a particle field."""
+    return field.to_numpy()[memory.guard : memory.guard + memory.particles].astype(np.float64)
+
+
 def spring_forces(body, x, v):
     """(N, 3) Hooke and dashpot forces, added spring by spring."""
     i, j = body.springs.T

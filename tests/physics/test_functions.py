@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import taichi as ti
+from reference import read
 
 from taichi_jello import Box, GridField, Plane, Room, Scene, Simulation, Sphere
 from taichi_jello.physics.colliders import plane, sphere
@@ -111,7 +112,7 @@ def test_one_runge_kutta_stage(epsilon):
 
     two_stages()
     second()
-    at = [system.memory.read(field)[0] for field in (scheme.at.x, scheme.at.v, scheme.acceleration)]
+    at = [read(system.memory, field)[0] for field in (scheme.at.x, scheme.at.v, scheme.acceleration)]
     g = np.array([0.0, -9.81, 0.0])
     assert at[0] == pytest.approx(np.array([1.0, 2.0, 3.0]) * dt / 2, abs=8 * epsilon)
     assert at[1] == pytest.approx(np.array([1.0, 2.0, 3.0]) + g * dt / 2, abs=32 * epsilon)

@@ -7,11 +7,11 @@ from taichi_jello import Box, Pin, SceneError
 from taichi_jello.body import join
 
 
-def expected_counts(n, m, l):
-    structural = (n - 1) * m * l + n * (m - 1) * l + n * m * (l - 1)
-    faces = 2 * ((n - 1) * (m - 1) * l + (n - 1) * m * (l - 1) + n * (m - 1) * (l - 1))
-    bodies = 4 * (n - 1) * (m - 1) * (l - 1)
-    bend = max(n - 2, 0) * m * l + n * max(m - 2, 0) * l + n * m * max(l - 2, 0)
+def expected_counts(n, m, k):
+    structural = (n - 1) * m * k + n * (m - 1) * k + n * m * (k - 1)
+    faces = 2 * ((n - 1) * (m - 1) * k + (n - 1) * m * (k - 1) + n * (m - 1) * (k - 1))
+    bodies = 4 * (n - 1) * (m - 1) * (k - 1)
+    bend = max(n - 2, 0) * m * k + n * max(m - 2, 0) * k + n * m * max(k - 2, 0)
     return [structural, faces + bodies, bend]
 
 

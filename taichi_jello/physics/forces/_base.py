@@ -24,9 +24,9 @@ class ParticleForce:
     """A force on single particles. A subclass answers in `made_for` what a scene needs of it: often nothing.
 
     It defines `@ti.func on(self, i, x, v, t)`, the force [N] on particle i for the fields x, v of all particles at
-    `t` seconds after the current frame began, or, with `in_passes`, `@ti.func on_pass(self, p, x, v, t, f)`, which adds
-    the forces on all particles of pass p (see Memory.lanes) to f; and, if `energy_kind` is set,
-    `@ti.func energy(self, i, x)` [J].
+    `t` seconds after the current frame began, or, with `in_passes`, `@ti.func on_pass(self, first, last, x, v, t, f)`,
+    which adds the forces on the particles first … last - 1 of one pass (see Memory.lanes) to f; and, if `energy_kind`
+    is set, `@ti.func energy(self, i, x)` [J].
     """
 
     title: ClassVar[str]

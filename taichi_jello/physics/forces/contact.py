@@ -1,4 +1,4 @@
-"""Penalty contact of particles with the scene's colliders: spring, dashpot and Coulomb friction (workshop, "Collisions")."""
+"""Penalty contact of particles with colliders: spring, dashpot and Coulomb friction (workshop, "Collisions")."""
 
 from dataclasses import dataclass
 from math import hypot, sqrt
@@ -100,9 +100,8 @@ class PenaltyContact(ParticleForce):
         return force
 
     @ti.func
-    def on_pass(self, p, x, v, t, f):
+    def on_pass(self, first, last, x, v, t, f):
         """First, without a branch, how near each particle of the pass is to any surface; most passes are done then."""
-        first = p * self.lanes
         nearest = self.Lanes(1.0)
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
@@ -112,9 +111,9 @@ class PenaltyContact(ParticleForce):
         for lane in range(self.lanes):
             least = ti.min(least, nearest[lane])
         if least < 0.0:
-            for lane in range(self.lanes):
-                if nearest[lane] < 0.0:
-                    f[first + lane] += self.on(first + lane, x, v, t)
+            for i in range(first, last):
+                if nearest[i - first] < 0.0:
+                    f[i] += self.on(i, x, v, t)
 
     @ti.func
     def energy(self, i, x):

@@ -56,11 +56,10 @@ class Springs(ParticleForce):
         return s * d
 
     @ti.func
-    def on_pass(self, p, x, v, t, f):
-        """Add the springs of the particles of pass p to f. The loop over lanes has no branch, and only local arrays
-        are stored to, so LLVM vectorises it; a particle without the spring adds zero."""
+    def on_pass(self, first, last, x, v, t, f):
+        """Add the springs of the particles first … last - 1 to f. The loop over lanes has no branch, and only local
+        arrays are stored to, so LLVM vectorises it; a particle without the spring adds zero."""
         fx, fy, fz = self.Lanes(0.0), self.Lanes(0.0), self.Lanes(0.0)
-        first = p * self.lanes
         for e in range(self.start[first // LANES], self.start[first // LANES + 1]):
             shift, mask, material = self.entries[e][0], self.entries[e][1], self.entries[e][2]
             for lane in range(self.lanes):
@@ -70,8 +69,8 @@ class Springs(ParticleForce):
                 fx[lane] += ti.select(has, force[0], 0.0)
                 fy[lane] += ti.select(has, force[1], 0.0)
                 fz[lane] += ti.select(has, force[2], 0.0)
-        for lane in range(self.lanes):
-            f[first + lane] += ti.Vector([fx[lane], fy[lane], fz[lane]])
+        for i in range(first, last):
+            f[i] += ti.Vector([fx[i - first], fy[i - first], fz[i - first]])
 
     @ti.func
     def energy(self, i, x):

@@ -27,38 +27,50 @@ class RungeKutta(Integrator):
         self.acceleration = memory.vectors(f"{self.name} stage", "a")
         self.slopes_x = memory.vectors(self.name, "slopes of x", self.stages)
         self.slopes_v = memory.vectors(self.name, "slopes of v", self.stages)
+        self.mean = State.made_in(memory, f"{self.name} mean slope")
 
     @ti.func
-    def combine(self, p, dt, start: ti.template(), slopes: ti.template(), row, count, out: ti.template()):
-        """out = start + dt Σ w[s] slopes[s] over the first `count` stages, w the tableau's row, for pass p's particles."""
-        x, y, z = self.Lanes(0.0), self.Lanes(0.0), self.Lanes(0.0)
-        first = p * self.lanes
-        for s in range(count):
-            weight = self.tableau[row * self.stages + s]
-            for lane in range(self.lanes):
-                slope = slopes[s, first + lane]
-                x[lane] += weight * slope[0]
-                y[lane] += weight * slope[1]
-                z[lane] += weight * slope[2]
-        for lane in range(self.lanes):
-            out[first + lane] = start[first + lane] + dt * ti.Vector([x[lane], y[lane], z[lane]])
+    def go_to(self, system, s, dt):
+        """at = state + dt Σ a[s][j] slopes[j], in passes whose inner loop is vectorised (see Memory.lanes)."""
+        for p in range(system.passes):
+            x, y, z = self.Lanes(0.0), self.Lanes(0.0), self.Lanes(0.0)
+            u, v, w = self.Lanes(0.0), self.Lanes(0.0), self.Lanes(0.0)
+            first = p * self.lanes
+            for j in range(s):
+                weight = dt * self.tableau[s * self.stages + j]
+                if weight != 0.0:
+                    for lane in range(self.lanes):
+                        i = first + lane
+                        x[lane] += weight * self.slopes_x[j, i][0]
+                        y[lane] += weight * self.slopes_x[j, i][1]
+                        z[lane] += weight * self.slopes_x[j, i][2]
+                        u[lane] += weight * self.slopes_v[j, i][0]
+                        v[lane] += weight * self.slopes_v[j, i][1]
+                        w[lane] += weight * self.slopes_v[j, i][2]
+            for i in range(first, ti.min(first + self.lanes, system.count)):
+                lane = i - first
+                self.at.x[i] = self.state.x[i] + ti.Vector([x[lane], y[lane], z[lane]])
+                self.at.v[i] = self.state.v[i] + ti.Vector([u[lane], v[lane], w[lane]])
 
     @ti.func
     def stage(self, system, s, t, dt):
-        for p in range(system.passes):
-            self.combine(p, dt, self.state.x, self.slopes_x, s, s, self.at.x)
-            self.combine(p, dt, self.state.v, self.slopes_v, s, s, self.at.v)
+        self.go_to(system, s, dt)
         c = self.tableau[(self.stages + 1) * self.stages + s]
         system.accelerations(self.at.x, self.at.v, t + c * dt, self.acceleration)
         for i in range(system.count):
+            weight = self.tableau[self.stages * self.stages + s]
             self.slopes_x[s, i] = self.at.v[i]
             self.slopes_v[s, i] = self.acceleration[i]
+            self.mean.x[i] += weight * self.at.v[i]
+            self.mean.v[i] += weight * self.acceleration[i]
 
     @ti.func
     def finish(self, system, t, dt):
-        for p in range(system.passes):
-            self.combine(p, dt, self.state.x, self.slopes_x, self.stages, self.stages, self.state.x)
-            self.combine(p, dt, self.state.v, self.slopes_v, self.stages, self.stages, self.state.v)
+        for i in range(system.count):
+            self.state.x[i] += dt * self.mean.x[i]
+            self.state.v[i] += dt * self.mean.v[i]
+            self.mean.x[i] = ti.Vector([0.0, 0.0, 0.0])
+            self.mean.v[i] = ti.Vector([0.0, 0.0, 0.0])
 
     @classmethod
     def amplification(cls, a, zeta):
