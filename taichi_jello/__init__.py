@@ -3,6 +3,7 @@
 import os
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+__version__ = "0.1.0"
 
 from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.colliders.room import Room

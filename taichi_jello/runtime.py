@@ -6,10 +6,14 @@ import io
 import os
 import sys
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import taichi as ti
 from taichi._lib import core
+from taichi.lang import kernel_impl
+from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
 ARCHES = ("cpu", "cuda", "vulkan", "metal", "gpu")
 PRECISIONS = ("f32", "f64")
@@ -96,6 +100,13 @@ def _has_cuda() -> bool:
     return core.with_cuda()
 
 
+def usable_cores() -> list[int]:
+    """The numbers of the CPU cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
+
+
 def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None) -> Runtime:
     """Start Taichi anew; every field made before is dead. Reads no environment but Taichi's own.
 
@@ -105,7 +116,7 @@ def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None)
     global _current
     if precision not in PRECISIONS:
         raise RuntimeProblem(f"--precision: expected f32 or f64, got {precision!r}")
-    cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
+    cores = usable_cores()
     threads = len(cores) if threads is None else threads
     if threads < 1:
         raise RuntimeProblem(f"--threads: expected a whole number of at least 1, got {threads}")
@@ -137,6 +148,19 @@ def check(owner: Runtime) -> None:
     """Raise RuntimeProblem if fields made under `owner` are dead: using them would end the process."""
     if owner is not _current:
         raise RuntimeProblem("Taichi was started again after this simulation was made; make the simulation anew")
+
+
+def _position(self: ASTTransformerContext, node: Any) -> str:
+    """Where a node of a kernel's source stands. Taichi asks this of every node, for messages that are hardly ever
+    printed, and by itself wraps and underlines the text each time: a third of the time it needs to read a kernel."""
+    line = node.lineno + self.lineno_offset
+    return f'File "{self.file}", line {line}, in {self.func.func.__name__}:\n{self.src[node.lineno - 1].rstrip()}\n'
+
+
+ASTTransformerContext.get_pos_info = _position
+# Taichi reads and tokenises a function's source file again wherever the function is inlined.
+kernel_impl.getsourcelines = cache(kernel_impl.getsourcelines)
+kernel_impl.getsourcefile = cache(kernel_impl.getsourcefile)
 
 
 def _thread_ids() -> set[int]:

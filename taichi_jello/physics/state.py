@@ -17,7 +17,7 @@ class Memory:
     """Makes every Taichi field of a simulation and remembers whose it is and how many bytes it takes.
 
     particles: N; guard: places before the first and after the last particle that a block may read, never use.
-    Tables get their values together in `fill`: one kernel to compile instead of one for each.
+    Fields get their first values together in `fill`: one kernel to compile instead of one for each.
     """
 
     particles: int
@@ -52,12 +52,16 @@ class Memory:
     def number(self) -> type[np.floating]:
         return np.float32 if self.owner.precision == "f32" else np.float64
 
-    def vectors(self, owner: str, name: str, rows: int = 0) -> ti.MatrixField:
-        """One 3-vector per particle, zero everywhere; with `rows` that many for each, indexed [row, particle]."""
+    def vectors(self, owner: str, name: str, rows: int = 0, values: np.ndarray | None = None) -> ti.MatrixField:
+        """One 3-vector per particle, zero everywhere or the (N, 3) values after `fill`; with `rows` that many for
+        each, indexed [row, particle]."""
         places = self.padded + 2 * self.guard
         shape, offset = ((rows, places), (0, -self.guard)) if rows else ((places,), (-self.guard,))
         self.fields.append((owner, name, 3 * max(rows, 1) * places * np.dtype(self.number).itemsize))
-        return ti.Vector.field(3, float, shape=shape, offset=offset, layout=ti.Layout.SOA)
+        made = ti.Vector.field(3, float, shape=shape, offset=offset, layout=ti.Layout.SOA)
+        if values is not None:
+            self.tables.append((made, values.astype(self.number)))
+        return made
 
     def table(self, owner: str, name: str, values: np.ndarray) -> ti.Field:
         """A field for the values of a NumPy array: (n,) numbers or (n, k) vectors, floats in this precision."""
@@ -70,7 +74,7 @@ class Memory:
         return made
 
     def fill(self) -> None:
-        """Write all tables."""
+        """Write all values that fields were asked for with."""
         self.targets = tuple(made for made, _ in self.tables)
         self.shapes = tuple(values.reshape(len(values), -1).shape for _, values in self.tables)
         self.whole = tuple(values.dtype == np.int32 for _, values in self.tables)
@@ -107,5 +111,5 @@ class State:
     v: ti.MatrixField
 
     @classmethod
-    def made_in(cls, memory: Memory, owner: str) -> "State":
-        return cls(memory.vectors(owner, "x"), memory.vectors(owner, "v"))
+    def made_in(cls, memory: Memory, owner: str, x: np.ndarray | None = None, v: np.ndarray | None = None) -> "State":
+        return cls(memory.vectors(owner, "x", values=x), memory.vectors(owner, "v", values=v))

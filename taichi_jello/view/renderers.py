@@ -55,7 +55,7 @@ def window_problem() -> str | None:
 
 
 def drawing_of(simulation: Any) -> Drawing:
-    """The drawing of a simulation: whatever has a scene and a body, and from time to time x, v and time."""
+    """The drawing of a simulation: whatever has a scene, a body and snapshots."""
     runtime.current()
     return Drawing(simulation.scene, simulation.body)
 
@@ -64,7 +64,8 @@ def finished(
     renderer: Renderer, drawing: Drawing, simulation: Any, *, color: str = "", legend: bool = True
 ) -> np.ndarray:
     """(height, width, 3) uint8: the simulation as it is now, drawn into a picture with its legend."""
-    drawing.update(simulation.x, simulation.v, simulation.time, color=color)
+    now = simulation.snapshot()
+    drawing.update(now.x, now.v, now.time, color=color)
     renderer.draw(drawing, drawing.viewpoint)
     image = renderer.image()
     if legend:

@@ -105,7 +105,7 @@ class Viewer:
         self.drawing.hidden = set(SHOWS[self.show][1])
         if self.drawing.springs is not None:
             self.drawing.springs.everything = SHOWS[self.show][0] == "all springs"
-        now = self.simulation
+        now = self.simulation.snapshot()
         self.drawing.update(now.x, now.v, now.time, viewpoint=self.viewpoint, color=self.color)
 
     def sheet(self, size: tuple[int, int], rate: float) -> Sheet:

@@ -21,6 +21,10 @@ class Still:
         self.v = np.zeros_like(self.x) if v is None else np.array(v, float)
         return self
 
+    def snapshot(self) -> "Still":
+        """Its own moment: it has x, v and time."""
+        return self
+
     def frame(self) -> None:
         self.time += self.frame_dt
         self.put(self.x + np.array([0.0, 0.05, 0.0]))

@@ -113,7 +113,7 @@ class PenaltyContact(ParticleForce):
         if least < 0.0:
             for i in range(first, last):
                 if nearest[i - first] < 0.0:
-                    f[i] += self.on(i, x, v, t)
+                    f[i] = f[i] + self.on(i, x, v, t)
 
     @ti.func
     def energy(self, i, x):

@@ -57,7 +57,7 @@ class Springs(ParticleForce):
 
     @ti.func
     def on_pass(self, first, last, x, v, t, f):
-        """Add the springs of the particles first … last - 1 to f. The loop over lanes has no branch, and only local
+        """Set f to the spring forces on the particles first … last - 1. The loop over lanes has no branch, and only local
         arrays are stored to, so LLVM vectorises it; a particle without the spring adds zero."""
         fx, fy, fz = self.Lanes(0.0), self.Lanes(0.0), self.Lanes(0.0)
         for e in range(self.start[first // LANES], self.start[first // LANES + 1]):
@@ -70,7 +70,7 @@ class Springs(ParticleForce):
                 fy[lane] += ti.select(has, force[1], 0.0)
                 fz[lane] += ti.select(has, force[2], 0.0)
         for i in range(first, last):
-            f[i] += ti.Vector([fx[i - first], fy[i - first], fz[i - first]])
+            f[i] = ti.Vector([fx[i - first], fy[i - first], fz[i - first]])
 
     @ti.func
     def energy(self, i, x):

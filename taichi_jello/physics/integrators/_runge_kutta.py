@@ -61,14 +61,14 @@ class RungeKutta(Integrator):
             weight = self.tableau[self.stages * self.stages + s]
             self.slopes_x[s, i] = self.at.v[i]
             self.slopes_v[s, i] = self.acceleration[i]
-            self.mean.x[i] += weight * self.at.v[i]
-            self.mean.v[i] += weight * self.acceleration[i]
+            self.mean.x[i] = self.mean.x[i] + weight * self.at.v[i]
+            self.mean.v[i] = self.mean.v[i] + weight * self.acceleration[i]
 
     @ti.func
     def finish(self, system, t, dt):
         for i in range(system.count):
-            self.state.x[i] += dt * self.mean.x[i]
-            self.state.v[i] += dt * self.mean.v[i]
+            self.state.x[i] = self.state.x[i] + dt * self.mean.x[i]
+            self.state.v[i] = self.state.v[i] + dt * self.mean.v[i]
             self.mean.x[i] = ti.Vector([0.0, 0.0, 0.0])
             self.mean.v[i] = ti.Vector([0.0, 0.0, 0.0])
 

@@ -22,8 +22,8 @@ class SymplecticEuler(Integrator):
     @ti.func
     def finish(self, system, t, dt):
         for i in range(system.count):
-            self.state.v[i] += dt * self.a[i]
-            self.state.x[i] += dt * self.state.v[i]
+            self.state.v[i] = self.state.v[i] + dt * self.a[i]
+            self.state.x[i] = self.state.x[i] + dt * self.state.v[i]
 
     @classmethod
     def amplification(cls, a, zeta):

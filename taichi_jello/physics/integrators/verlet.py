@@ -34,14 +34,14 @@ class VelocityVerlet(Integrator):
             for i in range(system.count):
                 if s == 1:
                     self.half[i] = self.state.v[i] + 0.5 * dt * self.a[i]
-                    self.state.x[i] += dt * self.half[i]
+                    self.state.x[i] = self.state.x[i] + dt * self.half[i]
                 if s > 0:
                     self.state.v[i] = self.half[i] + 0.5 * dt * self.a[i]
             system.accelerations(self.state.x, self.state.v, t + dt * ti.min(s, 1), self.a)
         else:
             for i in range(system.count):
-                self.state.v[i] += 0.5 * dt * self.a[i]
-                self.state.x[i] += dt * self.state.v[i]
+                self.state.v[i] = self.state.v[i] + 0.5 * dt * self.a[i]
+                self.state.x[i] = self.state.x[i] + dt * self.state.v[i]
             system.accelerations(self.state.x, self.state.v, t + dt, self.a)
 
     @ti.func
@@ -50,7 +50,7 @@ class VelocityVerlet(Integrator):
             if ti.static(self.damped):
                 self.state.v[i] = self.half[i] + 0.5 * dt * self.a[i]
             else:
-                self.state.v[i] += 0.5 * dt * self.a[i]
+                self.state.v[i] = self.state.v[i] + 0.5 * dt * self.a[i]
 
     @classmethod
     def amplification(cls, a, zeta):

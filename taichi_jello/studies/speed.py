@@ -1,0 +1,202 @@
+"""Springs per second over lattice size, threads and precision, beside NumPy; pictures per second; start-up; memory."""
+
+import argparse
+import os
+import platform
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello import __version__, runtime
+from taichi_jello.body import Body
+from taichi_jello.scene import Camera, Scene, Solver
+from taichi_jello.shapes.lattice import Box
+from taichi_jello.simulation import Simulation, StepWarning
+
+DT = 1e-6  # s; so short that nothing moves far: every pass does the same work
+REPEATS = 9
+
+
+def spread(run: Callable[[], None], least_seconds: float) -> dict[str, float]:
+    """Minimum and median seconds of REPEATS timings of `run`, each repeated to last at least `least_seconds`."""
+    run()
+    start = time.perf_counter()
+    run()
+    times = max(1, round(least_seconds / max(time.perf_counter() - start, 1e-9)))
+    found = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        for _ in range(times):
+            run()
+        found.append((time.perf_counter() - start) / times)
+    return {"min": min(found), "median": statistics.median(found)}
+
+
+def numpy_step(body: Body) -> Callable[[], None]:
+    """One symplectic Euler step of the same network in plain NumPy float32: a gather of both ends of every spring."""
+    i, j = (np.ascontiguousarray(end) for end in body.springs.T)
+    k, c, rest = (a.astype(np.float32)[:, None] for a in (body.stiffness, body.damping, body.rest_length))
+    x, v = body.x.astype(np.float32), body.v.astype(np.float32)
+    per_mass = np.float32(DT) / body.mass.astype(np.float32)[:, None]
+
+    def step() -> None:
+        d, w = x[j] - x[i], v[j] - v[i]
+        inverse = 1.0 / np.sqrt(np.einsum("sa,sa->s", d, d))[:, None]
+        f = (k * (1.0 - rest * inverse) + c * np.einsum("sa,sa->s", w, d)[:, None] * inverse * inverse) * d
+        for axis in range(3):
+            total = np.bincount(i, f[:, axis], len(x)) - np.bincount(j, f[:, axis], len(x))
+            v[:, axis] += per_mass[:, 0] * total
+        x[:] += np.float32(DT) * v
+
+    return step
+
+
+def lattice(n: int, method: str, serial: bool | None = None) -> Simulation:
+    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[Box(points=(n, n, n))], solver=Solver(frame_dt=1000 * DT))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StepWarning)  # a great lattice of light particles swings fast
+        return Simulation(scene, method=method, substeps=1000, serial=serial)
+
+
+def kernel_row(n: int, arch: str, precision: str, threads: int, method: str, least: float) -> dict[str, Any]:
+    """Force evaluations of springs per second of the whole step (springs, sums and integration)."""
+    runtime.start(arch, precision, threads)
+    simulation = lattice(n, method)
+    system, springs = simulation.system, len(simulation.body.springs)
+    passes = system.integrator.stages
+    batch = max(1, round(2e6 / (springs * passes)))
+
+    def run() -> None:
+        system.steps(0, batch, DT)
+        ti.sync()
+
+    seconds = {name: value / (batch * passes) for name, value in spread(run, least).items()}
+    return {
+        "n": n,
+        "arch": system.owner.arch,
+        "precision": precision,
+        "threads": threads,
+        "method": method,
+        "form": "serial" if system.serial else "parallel",
+        "us_per_pass": {name: 1e6 * value for name, value in seconds.items()},
+        "million_springs_per_second": springs / seconds["min"] / 1e6,
+        "ns_per_spring": 1e9 * seconds["min"] / springs,
+        "bytes_per_particle": sum(size for *_, size in system.memory.fields) / len(simulation.body),
+    }
+
+
+def numpy_row(n: int, least: float) -> dict[str, Any]:
+    body = Box(points=(n, n, n)).body()
+    seconds = spread(numpy_step(body), least)
+    return {
+        "n": n,
+        "us_per_pass": {name: 1e6 * value for name, value in seconds.items()},
+        "million_springs_per_second": len(body.springs) / seconds["min"] / 1e6,
+    }
+
+
+def renderer_rows(arch: str, least: float) -> list[dict[str, Any]]:
+    """Pictures of the cube at 1280×720 per second, drawing fields and read-back included."""
+    from taichi_jello.view.ggui import available
+    from taichi_jello.view.renderers import drawing_of, finished, open_renderer
+
+    rows = []
+    for name in ["raster", *(["ggui"] if available() else [])]:
+        for samples in (1, 2):
+            runtime.start(arch)
+            scene = Scene(jello=[Box(position=(0.0, 0.8, 0.0))], camera=Camera())
+            simulation = Simulation(scene)
+            drawing, renderer = drawing_of(simulation), open_renderer(name, (1280, 720), samples)
+            drawing.springs.everything = True
+            seconds = spread(lambda: finished(renderer, drawing, simulation), least)  # noqa: B023
+            renderer.close()
+            rows.append({"renderer": name, "samples": samples, "pictures_per_second": 1.0 / seconds["median"]})
+    return rows
+
+
+def start_up() -> dict[str, float]:
+    """Seconds from typing `jello shot cube` to the file, with an empty kernel cache and with a warm one."""
+    found: dict[str, list[float]] = {"cold": [], "warm": []}
+    with tempfile.TemporaryDirectory() as folder:
+        for attempt in range(3):
+            for state in ("cold", "warm"):
+                command = [sys.executable, "-m", "taichi_jello", "shot", "cube", "--quiet", "-o", f"{folder}/cube.png"]
+                environment = {"TI_OFFLINE_CACHE_FILE_PATH": f"{folder}/cache{attempt}"}
+                start = time.perf_counter()
+                subprocess.run(command, check=True, env={**os.environ, **environment})
+                found[state].append(time.perf_counter() - start)
+    return {state: statistics.median(times) for state, times in found.items()}
+
+
+def processor() -> str:
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return (names or [platform.processor() or platform.machine()])[0]
+
+
+def measure(chosen: argparse.Namespace) -> dict[str, Any]:
+    """All figures; with --quick small lattices and short timings."""
+    arch, cores = runtime.choose_arch(chosen.arch), runtime.usable_cores()
+    least = 0.02 if chosen.quick else 0.2
+    sizes = (4, 8) if chosen.quick else (8, 16, 32, 64)
+    rows = []
+    for n in sizes:
+        for threads in sorted({1, chosen.threads or len(cores)}) if arch == "cpu" else [1]:
+            rows.append(kernel_row(n, arch, "f32", threads, "symplectic-euler", least))
+    precisions = ["f32"] if arch in ("vulkan", "metal") else ["f32", "f64"]
+    rows += [kernel_row(8, arch, number, 1, "rk4", least) for number in precisions]
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    return {
+        "version": __version__,
+        "taichi": ".".join(map(str, ti.__version__)),
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+        "processor": processor(),
+        "cores": len(cores),
+        "kernels": rows,
+        "numpy_gather": [numpy_row(n, least) for n in sizes[:3]],
+        "renderers": renderer_rows(arch, least),
+        "start_up_seconds": {} if chosen.quick else start_up(),
+        "peak_bytes_of_this_study": memory,
+    }
+
+
+def text(told: dict[str, Any]) -> str:
+    """The figures as tables."""
+    lines = [
+        f"{told['processor']}, {told['cores']} cores; Python {told['python']}, Taichi {told['taichi']}",
+        "    n  arch  number  threads  method            form      us a pass (median)  M springs/s  ns each  bytes each",
+    ]
+    for row in told["kernels"]:
+        us = row["us_per_pass"]
+        lines.append(
+            f"{row['n']:5d}  {row['arch']:4s}  {row['precision']:6s}  {row['threads']:7d}  {row['method']:16s}"
+            f"  {row['form']:8s}  {us['min']:8.1f} ({us['median']:.1f})  {row['million_springs_per_second']:9.0f}"
+            f"  {row['ns_per_spring']:9.2f}  {row['bytes_per_particle']:9.0f}"
+        )
+    for row in told["numpy_gather"]:
+        us = row["us_per_pass"]
+        kernel = next(k for k in told["kernels"] if k["n"] == row["n"] and k["threads"] == 1)
+        ratio = kernel["million_springs_per_second"] / row["million_springs_per_second"]
+        lines.append(
+            f"{row['n']:5d}  NumPy float32 gather: {us['min']:.0f} ({us['median']:.0f}) µs a pass, "
+            f"{row['million_springs_per_second']:.1f} M springs/s; one thread here is {ratio:.0f} times as fast"
+        )
+    for row in told["renderers"]:
+        lines.append(
+            f"{row['renderer']}, {row['samples']}x{row['samples']} samples: {row['pictures_per_second']:.1f} /s"
+        )
+    for state, seconds in told["start_up_seconds"].items():
+        lines.append(f"`jello shot cube`, {state} kernel cache: {seconds:.2f} s")
+    return "\n".join(lines)
