@@ -74,7 +74,7 @@ def options() -> Parser:
     parser = Parser(prog="jello", description="Real-time mass-spring jello. Without a command: play the cube.")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
 
-    scene = argparse.ArgumentParser(add_help=False)
+    scene = Parser(add_help=False)
     scene.add_argument("--method", metavar="NAME", help="integrator, instead of the scene's")
     scene.add_argument("--dt", type=step_size, metavar="auto|S", help="step in seconds, or the largest safe one")
     scene.add_argument("--substeps", type=count, metavar="N", help="steps in a drawn frame, instead of --dt")
@@ -86,12 +86,12 @@ def options() -> Parser:
     scene.add_argument("--from", metavar="STATE.npz", dest="from_state", help="start from the last moment there")
     scene.add_argument("--quiet", action="store_true", help="print nothing but errors and warnings")
 
-    drawing = argparse.ArgumentParser(add_help=False)
+    drawing = Parser(add_help=False)
     drawing.add_argument("--size", type=picture_size, default=(1280, 720), metavar="WxH")
     drawing.add_argument("--color", choices=COLORS, help="what the springs' colour shows")
     drawing.add_argument("--renderer", choices=("auto", "ggui", "raster"), default="auto")
 
-    def add(name: str, text: str, parents: list[argparse.ArgumentParser], **default_scene: Any) -> Any:
+    def add(name: str, text: str, parents: list[Any], **default_scene: Any) -> Any:
         command = commands.add_parser(name, help=text, description=text, parents=parents)
         if parents:
             command.add_argument("scene", metavar="SCENE", help="a demo's name, a .py or a .toml", **default_scene)

@@ -12,6 +12,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from taichi_jello.body import Body
+
 FAMILIES = ("structural", "shear", "bend")
 COLORS = ("force", "strain", "family", "plain")
 Vector = tuple[float, float, float]
@@ -197,10 +199,10 @@ class Jello(Checked):
     velocity: Vector = (0.0, 0.0, 0.0)
     spin: Vector = (0.0, 0.0, 0.0)
     mass: float = 1.0
-    springs: tuple[str, ...] = FAMILIES
+    springs: Sequence[str] = FAMILIES
     stiffness: Any = 200.0
     damping: Any = 0.25
-    pin: tuple[Pin, ...] = ()
+    pin: Sequence[Pin] = ()
 
     def check(self) -> dict[str, Any]:
         if isinstance(self.springs, str) or not isinstance(self.springs, Sequence):
@@ -212,6 +214,10 @@ class Jello(Checked):
             "damping": by_family("damping", self.damping),
             "pin": tuple(self.pin),
         }
+
+    def body(self) -> Body:
+        """Its points, springs and skin."""
+        raise TypeError(f"{type(self).__name__} must define body()")
 
     def coefficient(self, name: str, family: str) -> float:
         """`stiffness` or `damping` of one family; a family missing from a table has none."""
@@ -230,9 +236,9 @@ class Scene(Checked):
     solver: Solver = field(default_factory=Solver)
     contact: Contact = field(default_factory=Contact)
     camera: Camera = field(default_factory=Camera)
-    collider: tuple[Collider, ...] = ()
-    jello: tuple[Jello, ...] = ()
-    force: tuple[Force, ...] = ()
+    collider: Sequence[Collider] = ()
+    jello: Sequence[Jello] = ()
+    force: Sequence[Force] = ()
 
     def check(self) -> dict[str, Any]:
         if not self.jello:

@@ -84,7 +84,7 @@ class Box(Jello):
                 pairs.append(found)
                 steps.append(np.tile(np.array(offset) * spacing, (len(found), 1)))
                 families.append(np.full(len(found), FAMILIES.index(family), np.int8))
-        springs, step, family = np.concatenate(pairs), np.concatenate(steps), np.concatenate(families)
+        springs, step, kind = np.concatenate(pairs), np.concatenate(steps), np.concatenate(families)
         length = np.linalg.norm(step, axis=1)
 
         turned = rest @ rotation(self.rotation).T
@@ -99,9 +99,9 @@ class Box(Jello):
             jello=np.zeros(len(rest), np.int32),
             springs=np.sort(springs, axis=1),
             rest_length=length,
-            stiffness=np.array([self.coefficient("stiffness", f) for f in FAMILIES])[family],
-            damping=np.array([self.coefficient("damping", f) for f in FAMILIES])[family],
-            family=family,
+            stiffness=np.array([self.coefficient("stiffness", f) for f in FAMILIES])[kind],
+            damping=np.array([self.coefficient("damping", f) for f in FAMILIES])[kind],
+            family=kind,
             direction=lower_first * step / length[:, None],
             surface=surface(index),
         )

@@ -57,7 +57,8 @@ class Sheet:
     def text(self, words: str, x: float, y: float, height: float, rgb=palette.INK, align: float = 0.0) -> None:
         """Write on the baseline y; align 0 starts at x, 1 ends there, 0.5 is centred."""
         left = x - align * text_width(words, height)
-        self.texts.append(Text(words, left, y, height, tuple(float(c) for c in rgb)))
+        red, green, blue = (float(c) for c in rgb)
+        self.texts.append(Text(words, left, y, height, (red, green, blue)))
 
     def quad(
         self,

@@ -57,8 +57,8 @@ class Springs(ParticleForce):
 
     @ti.func
     def on_pass(self, first, last, x, v, t, f):
-        """Set f to the spring forces on the particles first … last - 1. The loop over lanes has no branch, and only local
-        arrays are stored to, so LLVM vectorises it; a particle without the spring adds zero."""
+        """Set f to the spring forces on the particles first … last - 1. The loop over lanes has no branch and stores
+        to local arrays only, so LLVM vectorises it; a particle without the spring adds zero."""
         fx, fy, fz = self.Lanes(0.0), self.Lanes(0.0), self.Lanes(0.0)
         for e in range(self.start[first // LANES], self.start[first // LANES + 1]):
             shift, mask, material = self.entries[e][0], self.entries[e][1], self.entries[e][2]

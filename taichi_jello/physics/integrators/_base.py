@@ -23,7 +23,10 @@ class Integrator:
     order: ClassVar[int]
     safety: ClassVar[float]
     stages: int = 1
-    has_begin: ClassVar[bool] = False
+    has_begin: bool = False
+    stage: Any
+    finish: Any
+    begin: Any
 
     def __init__(self, memory: Memory, state: State, damped: bool):
         """Allocate what the scheme keeps between stages of stepping `state`; `damped`: forces read velocities."""

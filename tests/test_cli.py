@@ -1,0 +1,172 @@
+"""The command line as a person uses it: a process, its files, its exit status and its lines."""
+
+import json
+
+import numpy as np
+import pytest
+
+SMALL = """
+title = "Small"
+seconds = 0.2
+[[collider]]
+type = "plane"
+[[jello]]
+shape = "box"
+points = [3, 3, 3]
+position = [0.0, 0.55, 0.0]
+"""
+
+
+@pytest.fixture
+def small(tmp_path):
+    (tmp_path / "small.toml").write_text(SMALL)
+    return "small.toml"
+
+
+def test_list_names_every_demo(jello):
+    done = jello("list")
+    assert done.returncode == 0
+    names = [line.split()[0] for line in done.stdout.splitlines()]
+    assert {"cube", "sphere", "room", "family"} <= set(names)
+
+
+def test_run_writes_the_arrays_that_were_promised(jello, small, tmp_path):
+    done = jello("run", small, "-o", "out.npz", "--every", "0.05")
+    assert done.returncode == 0 and "out.npz" in done.stdout, done.stderr
+    with np.load(tmp_path / "out.npz") as out:
+        assert out["time"] == pytest.approx(np.arange(5) * 0.05, abs=1e-3)
+        assert out["x"].shape == out["v"].shape == (5, 27, 3)
+        springs = len(out["springs"])
+        assert out["springs"].shape == (springs, 2) and out["surface"].shape[1] == 3
+        for name in ("rest_length", "stiffness", "damping", "family"):
+            assert out[name].shape == (springs,)
+        assert out["mass"].shape == out["jello"].shape == (27,)
+        for name in ("kinetic", "elastic", "gravity", "contact"):
+            assert out[f"energy_{name}"].shape == (5,)
+        assert float(out["dt"]) > 0 and str(out["method"]) == "rk4"
+        assert out["energy_gravity"][0] == pytest.approx(9.81 * 0.55, rel=1e-5)
+
+
+def test_a_run_cut_in_two_gives_the_same_bits(jello, small, tmp_path):
+    assert jello("run", small, "-o", "whole.npz", "--seconds", "0.4").returncode == 0
+    assert jello("run", small, "-o", "first.npz", "--seconds", "0.15").returncode == 0
+    done = jello("run", small, "-o", "second.npz", "--seconds", "0.25", "--from", "first.npz")
+    assert done.returncode == 0, done.stderr
+    with np.load(tmp_path / "whole.npz") as whole, np.load(tmp_path / "second.npz") as second:
+        assert second["time"][-1] == pytest.approx(whole["time"][-1], abs=1e-12)
+        assert np.array_equal(whole["x"][-1], second["x"][-1]) and np.array_equal(whole["v"][-1], second["v"][-1])
+
+
+def test_bare_arrays_are_a_state_to_start_from(jello, small, tmp_path):
+    x = np.random.default_rng(1).uniform(0.5, 1.5, (27, 3))
+    np.savez(tmp_path / "bare.npz", x=x, v=np.zeros((27, 3)))
+    assert jello("run", small, "-o", "out.npz", "--seconds", "0", "--from", "bare.npz").returncode == 0
+    with np.load(tmp_path / "out.npz") as out:
+        assert out["x"][0] == pytest.approx(x, abs=1e-6)
+
+
+def test_options_reach_the_simulation(jello, small, tmp_path):
+    options = ("--method", "verlet", "--substeps", "50", "--precision", "f64", "--threads", "1")
+    settings = ("--set", "jello.0.stiffness=50", "--set", "gravity=[0, 0, 0]", "--set", "title=Floating")
+    done = jello("explain", small, "--json", "facts.json", *options, *settings)
+    assert done.returncode == 0, done.stderr
+    told = json.loads((tmp_path / "facts.json").read_text())
+    assert told["title"] == "Floating" and told["precision"] == "f64" and told["substeps"] == 50
+    assert "gravity" in told["left_out"] and "verlet" in told["compiled_in"]
+    assert told["springs"] == {"structural": 54, "shear": 72 + 32, "bend": 27}
+    # 26 springs meet in the middle particle of mass 1/27: Λ m/k is at most twice its degree.
+    assert 0 < told["bound"]["forces"]["springs"]["squared_frequency"] <= 2 * 32 * 50 * 27
+    for words in ("compiled in:", "left out:", "contact", "27 particles", "safe dt"):
+        assert words in done.stdout
+
+
+def test_shot_writes_a_picture_of_the_size_asked_for(jello, small, tmp_path):
+    for renderer in ("auto", "raster"):
+        done = jello("shot", small, "-o", "x.png", "--size", "320x200", "--at", "0.1", "--renderer", renderer)
+        assert done.returncode == 0, done.stderr
+        data = (tmp_path / "x.png").read_bytes()
+        assert data[:8] == b"\x89PNG\r\n\x1a\n"
+        assert (int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")) == (320, 200)
+    assert not list(tmp_path.glob("imgui.ini"))
+
+
+def test_play_without_a_screen_says_so_and_names_its_picture(jello, tmp_path, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    done = jello("play", "family", "--size", "320x200")
+    assert done.returncode == 0, done.stderr
+    assert "no window:" in done.stdout
+    named = done.stdout.splitlines()[-1]
+    assert named == str((tmp_path / "family.png").resolve()) and (tmp_path / "family.png").is_file()
+
+
+def test_a_long_step_warns_once(jello, small):
+    done = jello("run", small, "-o", "out.npz", "--dt", "0.01", "--seconds", "0")
+    assert done.returncode == 0
+    assert done.stderr.count("beyond the largest safe step of rk4") == 1 and len(done.stderr.splitlines()) == 1
+
+
+def test_bad_numbers_exit_with_3_and_keep_the_last_good_state(jello, small, tmp_path):
+    done = jello("run", small, "-o", "out.npz", "--dt", "0.016", "--seconds", "5")
+    assert done.returncode == 3
+    assert "Traceback" not in done.stderr
+    last = done.stderr.splitlines()[-1]
+    for words in ("numbers went bad at", "particle", "jello 0", "dt = ", "safe dt = "):
+        assert words in last
+    with np.load(tmp_path / "out.npz") as out:
+        assert np.isfinite(out["x"]).all() and len(out["time"]) >= 1
+    # The saved state is one to go on from, with a step that is safe.
+    assert jello("run", small, "-o", "on.npz", "--seconds", "0.01", "--from", "out.npz").returncode == 0
+
+
+MISTAKES = [
+    (("run", "cake", "-o", "x.npz"), "cake: expected a demo"),
+    (("run", "nothing.toml", "-o", "x.npz"), "nothing.toml: there is no such file"),
+    (("run", "small.toml", "-o", "x.npz", "--method", "leapfrog"), "expected one of euler"),
+    (("run", "small.toml", "-o", "x.npz", "--dt", "0"), "--dt: expected a number greater than 0"),
+    (("run", "small.toml", "-o", "x.npz", "--seconds", "nan"), "--seconds: expected a number greater than 0"),
+    (("run", "small.toml", "-o", "x.npz", "--threads", "0"), "--threads: expected a whole number of at least 1"),
+    (("run", "small.toml", "-o", "x.png"), "expected a name ending in .npz"),
+    (("run", "small.toml", "-o", "no/such/x.npz"), "expected a file in a folder that exists"),
+    (("run", "small.toml", "-o", "x.npz", "--set", "jello.0.mass=-1"), "--set jello.0.mass: expected"),
+    (("run", "small.toml", "-o", "x.npz", "--set", "jello.0.color=red"), "--set jello.0.color: unknown key"),
+    (("run", "small.toml", "-o", "x.npz", "--set", "mass"), "expected key.path=value"),
+    (("run", "small.toml", "-o", "x.npz", "--from", "none.npz"), "--from none.npz: No such file"),
+    (("run", "small.toml", "-o", "x.npz", "--from", "small.toml"), "--from small.toml: expected an NPZ file"),
+    (("run", "small.toml"), "the following arguments are required: -o"),
+    (("shot", "small.toml", "-o", "x.png", "--size", "0x9"), "expected WIDTHxHEIGHT"),
+    (("shot", "small.toml", "-o", "x.png", "--arch", "tpu"), "invalid choice: 'tpu'"),
+    (("explain", "small.toml", "--json", "no/such.json"), "--json no/such.json: No such file"),
+    (("study", "beauty"), "study: expected one of"),
+    (("dance",), "invalid choice: 'dance'"),
+]
+
+
+@pytest.mark.parametrize("call, words", MISTAKES, ids=[" ".join(call) for call, _ in MISTAKES])
+def test_a_mistake_is_one_line_and_leaves_nothing_behind(jello, small, tmp_path, call, words):
+    done = jello(*call)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1 and words in done.stderr, done.stderr
+    assert "Traceback" not in done.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["small.toml"]
+
+
+def test_a_room_smaller_than_the_jello_is_refused(jello, small, tmp_path):
+    (tmp_path / "small.toml").write_text(SMALL.replace('"plane"', '"box"\nmax = [0.3, 0.9, 2.0]'))
+    done = jello("explain", "small.toml")
+    assert done.returncode == 2 and "small.toml: collider.0: expected a box around jello.0" in done.stderr
+
+
+def test_study_speed_measures_and_writes_json(jello, tmp_path):
+    done = jello("study", "speed", "--quick", "--json", "speed.json", timeout=300)
+    assert done.returncode == 0, done.stderr
+    told = json.loads((tmp_path / "speed.json").read_text())
+    assert {row["n"] for row in told["kernels"]} == {4, 8}
+    for row in told["kernels"]:
+        assert row["us_per_pass"]["median"] >= row["us_per_pass"]["min"] > 0
+        # A plain explicit f32 scene from 8³ on stays below 400 bytes a particle.
+        assert row["bytes_per_particle"] < 400 or row["n"] < 8 or row["precision"] == "f64"
+    cube = next(row for row in told["kernels"] if row["n"] == 8 and row["threads"] == 1)
+    numpy = next(row for row in told["numpy_gather"] if row["n"] == 8)
+    assert cube["million_springs_per_second"] > 10 * numpy["million_springs_per_second"]
+    assert {row["renderer"] for row in told["renderers"]} >= {"raster"}
