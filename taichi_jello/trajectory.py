@@ -53,6 +53,9 @@ def last_moment(path: Path) -> Snapshot:
 
     Raises ValueError saying what the file lacks, OSError if it cannot be read.
     """
+    with path.open("rb") as file:
+        if not zipfile.is_zipfile(file):
+            raise ValueError("expected an NPZ file")
     try:
         with np.load(path, allow_pickle=False) as arrays:
             missing = [name for name in ("x", "v") if name not in arrays]
@@ -60,8 +63,8 @@ def last_moment(path: Path) -> Snapshot:
                 raise ValueError(f"expected arrays x and v, {' and '.join(missing)} missing")
             x, v = arrays["x"], arrays["v"]
             time = float(arrays["time"].ravel()[-1]) if "time" in arrays and arrays["time"].size else 0.0
-    except (zipfile.BadZipFile, EOFError, AttributeError):
-        raise ValueError("expected an NPZ file") from None
+    except (zipfile.BadZipFile, EOFError):
+        raise ValueError("expected a whole NPZ file, this one is damaged") from None
     if x.ndim == 3 and v.ndim == 3 and len(x) and len(v):
         x, v = x[-1], v[-1]
     return Snapshot(time, x, v)

@@ -107,7 +107,7 @@ def test_a_long_step_warns_once(jello, small):
 
 
 def test_bad_numbers_exit_with_3_and_keep_the_last_good_state(jello, small, tmp_path):
-    done = jello("run", small, "-o", "out.npz", "--dt", "0.016", "--seconds", "5")
+    done = jello("run", small, "-o", "out.npz", "--dt", "0.016", "--set", "jello.0.stiffness=5000", "--seconds", "5")
     assert done.returncode == 3
     assert "Traceback" not in done.stderr
     last = done.stderr.splitlines()[-1]
