@@ -10,7 +10,7 @@ from taichi_jello.view import palette
 from taichi_jello.view.primitives import WIDTH, Lines
 from taichi_jello.view.shading import TOWARDS_EYE, Array1, Array2, Index2, clip, put, row
 
-MOST = 98.0  # percentile of the loads that the scale reaches: one torn corner must not dim the rest
+MOST = 95.0  # percentile of the loads that the scale reaches: one torn corner must not dim the rest
 FLOOR = 0.005  # strain below which a scale never shrinks: rounding noise in a resting body stays blue
 SHADES = 256
 FEW = 600  # springs up to which a body is clear enough to show them all
