@@ -71,6 +71,14 @@ def vulkan_device_types() -> list[int]:
     return types
 
 
+def has_vulkan() -> bool:
+    """Whether Taichi can use a Vulkan driver here, hardware or software. Asked first on Linux: the loader itself,
+    since Taichi prints an error of its own where there is none."""
+    if sys.platform.startswith("linux") and not vulkan_device_types():
+        return False
+    return bool(core.with_vulkan())
+
+
 def has_real_vulkan() -> bool:
     return any(kind in (1, 2, 3) for kind in vulkan_device_types())
 
@@ -82,7 +90,7 @@ def choose_arch(wanted: str) -> str:
     """
     if wanted not in ARCHES:
         raise RuntimeProblem(f"--arch: expected one of {', '.join(ARCHES)}, got {wanted!r}")
-    has = {"cpu": lambda: True, "vulkan": core.with_vulkan, "metal": core.with_metal, "cuda": _has_cuda}
+    has = {"cpu": lambda: True, "vulkan": has_vulkan, "metal": core.with_metal, "cuda": _has_cuda}
     if wanted != "gpu":
         if not has[wanted]():
             raise RuntimeProblem(f"--arch: this machine has no {wanted} device or driver")
@@ -90,7 +98,7 @@ def choose_arch(wanted: str) -> str:
     for arch in ("cuda", "metal"):
         if has[arch]():
             return arch
-    if core.with_vulkan() and has_real_vulkan():
+    if has_vulkan() and has_real_vulkan():
         return "vulkan"
     raise RuntimeProblem("--arch: this machine has no GPU that Taichi can use (a software Vulkan driver is not one)")
 

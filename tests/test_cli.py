@@ -5,6 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from taichi_jello import runtime
+
 SMALL = """
 title = "Small"
 seconds = 0.2
@@ -117,6 +119,23 @@ def test_bad_numbers_exit_with_3_and_keep_the_last_good_state(jello, small, tmp_
         assert np.isfinite(out["x"]).all() and len(out["time"]) >= 1
     # The saved state is one to go on from, with a step that is safe.
     assert jello("run", small, "-o", "on.npz", "--seconds", "0.01", "--from", "out.npz").returncode == 0
+
+
+def test_vulkan_runs_the_same_kernels_and_gpu_takes_no_software_driver(jello, small, tmp_path):
+    assert jello("run", small, "-o", "cpu.npz", "--seconds", "0.3").returncode == 0
+    done = jello("run", small, "-o", "vulkan.npz", "--seconds", "0.3", "--arch", "vulkan")
+    if runtime.vulkan_device_types():
+        assert done.returncode == 0, done.stderr
+        with np.load(tmp_path / "cpu.npz") as one, np.load(tmp_path / "vulkan.npz") as other:
+            # After a bounce, two roundings of f32 apart at each of some 50 steps.
+            assert one["x"] == pytest.approx(other["x"], abs=1e-4)
+    else:
+        assert done.returncode == 2 and "no vulkan device" in done.stderr
+    done = jello("run", small, "-o", "gpu.npz", "--arch", "gpu")
+    if not runtime.has_real_vulkan() and done.returncode:
+        assert done.returncode == 2 and "a software Vulkan driver is not one" in done.stderr
+    else:
+        assert done.returncode == 0, done.stderr
 
 
 MISTAKES = [

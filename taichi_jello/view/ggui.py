@@ -9,11 +9,10 @@ from collections.abc import Iterator
 
 import numpy as np
 import taichi as ti
-from taichi._lib import core
 from taichi.ui.utils import get_field_info
 
 from taichi_jello import runtime
-from taichi_jello.runtime import RuntimeProblem
+from taichi_jello.runtime import RuntimeProblem, has_vulkan
 from taichi_jello.view import palette
 from taichi_jello.view.camera import FAR, NEAR, Viewpoint
 from taichi_jello.view.drawing import Drawing
@@ -30,7 +29,7 @@ BACK = 0.8 * FAR  # m; how far behind everything the background hangs
 
 def available() -> bool:
     """Whether a Vulkan driver works here, hardware or software."""
-    return bool(core.with_vulkan())
+    return has_vulkan()
 
 
 def window_problem() -> str | None:

@@ -31,7 +31,22 @@ class RungeKutta(Integrator):
 
     @ti.func
     def go_to(self, system, s, dt):
-        """at = state + dt Σ a[s][j] slopes[j], in passes whose inner loop is vectorised (see Memory.lanes)."""
+        """at = state + dt Σ a[s][j] slopes[j]."""
+        if ti.static(self.lanes > 1):
+            self.go_to_in_passes(system, s, dt)
+        else:
+            for i in range(system.count):
+                x, v = self.state.x[i], self.state.v[i]
+                for j in range(s):
+                    weight = dt * self.tableau[s * self.stages + j]
+                    x += weight * self.slopes_x[j, i]
+                    v += weight * self.slopes_v[j, i]
+                self.at.x[i], self.at.v[i] = x, v
+
+    @ti.func
+    def go_to_in_passes(self, system, s, dt):
+        """The same for a CPU: the inner loop is vectorised (see Memory.lanes). Not for a GPU, since Taichi's SPIR-V
+        code allows one loop with local arrays a kernel, and the springs' is that one."""
         for p in range(system.passes):
             x, y, z = self.Lanes(0.0), self.Lanes(0.0), self.Lanes(0.0)
             u, v, w = self.Lanes(0.0), self.Lanes(0.0), self.Lanes(0.0)
