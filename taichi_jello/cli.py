@@ -288,6 +288,9 @@ def main(arguments: list[str] | None = None) -> int:
     except Diverged as error:
         print(f"jello: {error}", file=sys.stderr)
         return 3
+    except BrokenPipeError:  # the reader, such as `head`, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except OSError as error:
         print(f"jello: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
         return 2
