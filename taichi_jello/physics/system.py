@@ -40,7 +40,7 @@ class System:
         self.owner = self.memory.owner
         v = np.where(body.pinned[:, None], 0.0, body.v)
         self.state = State.made_in(self.memory, "state", body.x, v)
-        self.good = State.made_in(self.memory, "last good state", body.x, v)
+        self.good = State.made_in(self.memory, "last good state")
         self.first_bad = self.memory.table("last good state", "first bad particle", np.zeros(1, np.int32))
         self.particles = Particles(body, self.memory)
         made = {kind: kind.made_for(scene, self.particles) for kind in force_kinds()}
@@ -56,6 +56,7 @@ class System:
         small = self.owner.on_cpu and (self.owner.threads == 1 or self.count < SERIAL_PARTICLES)
         self.serial = small if serial is None else serial
         self.memory.fill()
+        self.keep_if_finite()
         self.bound: Bound = largest_dt(Scheme.amplification, Scheme.safety, self.rates, scene.drag)
 
     @ti.func
