@@ -129,7 +129,8 @@ class Simulation:
     def energies(self) -> dict[str, float]:
         """Kinetic, elastic, gravity (zero at y = 0) and contact energy [J]."""
         runtime.check(self.system.owner)
-        return self.system.energies()
+        self._begin_frame()
+        return self.system.energies(self._done * self.dt)
 
     def frame(self) -> None:
         """Go on to the end of the current frame. Raises Diverged, back at the frame's beginning."""
@@ -146,11 +147,7 @@ class Simulation:
         runtime.check(self.system.owner)
         while count > 0:
             part = min(count, self.substeps - self._done)
-            if not self._begun:
-                start = self._time_before_frames + self._frames * self.frame_dt
-                end = self._time_before_frames + (self._frames + 1) * self.frame_dt
-                self.system.begin_frame(start, end)
-                self._begun = True
+            self._begin_frame()
             self.system.steps(self._done, self._done + part, self.dt)
             bad = self.system.keep_if_finite()
             if bad is not None:
@@ -159,6 +156,13 @@ class Simulation:
             count -= part
             if self._done == self.substeps:
                 self._frames, self._done, self._begun = self._frames + 1, 0, False
+
+    def _begin_frame(self) -> None:
+        """Tell the forces which frame it is, once a frame."""
+        if not self._begun:
+            start, end = (self._time_before_frames + (self._frames + k) * self.frame_dt for k in (0, 1))
+            self.system.begin_frame(start, end)
+            self._begun = True
 
     def _fail(self, particle: int, part: int) -> None:
         failed = self.time + part * self.dt

@@ -84,6 +84,7 @@ class Memory:
             packed[whole].append(values.ravel())
         self.starts = tuple(starts)
         self._fill(np.concatenate(packed[True]), np.concatenate(packed[False]))
+        self.tables.clear()
 
     @ti.kernel
     def _fill(self, ints: ti.types.ndarray(), floats: ti.types.ndarray()):

@@ -166,18 +166,19 @@ class System:
                 self.state.x[i], self.state.v[i] = self.good.x[i], self.good.v[i]
 
     @ti.kernel
-    def _energy_shares(self, out: ti.types.ndarray()):
+    def _energy_shares(self, t: float, out: ti.types.ndarray()):
         for i in range(self.count):
             v = self.state.v[i]
             out[i, 0] = 0.5 * self.particles.mass(i) * v.dot(v)
             for slot in ti.static(range(1, len(ENERGIES))):
                 for force in ti.static(self.booked[slot]):
-                    out[i, slot] += force.energy(i, self.state.x)
+                    out[i, slot] += force.energy(i, self.state.x, t)
 
-    def energies(self) -> dict[str, float]:
-        """Kinetic, elastic, gravity and contact energy [J], summed over the particles in float64."""
+    def energies(self, t: float) -> dict[str, float]:
+        """Kinetic, elastic, gravity and contact energy [J] `t` seconds after the current frame began, summed over the
+        particles in float64."""
         shares = np.zeros((self.count, len(ENERGIES)), self.memory.number)
-        self._energy_shares(shares)
+        self._energy_shares(t, shares)
         return dict(zip(ENERGIES, shares.sum(0, dtype=np.float64).tolist(), strict=True))
 
 

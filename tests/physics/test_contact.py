@@ -133,3 +133,16 @@ def test_symmetric_colliders_act_alike_in_any_orientation():
     for simulation in (plain, turned):
         simulation.advance(0.6)
     assert turned.x[0] == pytest.approx(turn @ plain.x[0], abs=1e-9 if turned.x.dtype == np.float64 else 1e-4)
+
+
+def test_contact_energy_follows_a_moving_sphere():
+    """A free point deep in the path of a sphere: ½ k depth², with the sphere where it is at that moment."""
+    ram = Sphere(center=(0.0, -1.0, 0.0), radius=0.5, velocity=(0.0, 1.0, 0.0))
+    point = Box(points=(1, 1, 1), mass=1e6)  # too heavy to be moved
+    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[point], collider=[ram], contact=Contact(stiffness=100.0))
+    simulation = Simulation(scene, substeps=4)
+    for steps in (4 * 33, 2, 1, 4):
+        simulation.step(steps)
+        depth = max(0.0, 0.5 - abs(simulation.time - 1.0))
+        assert simulation.energies()["contact"] == pytest.approx(50.0 * depth**2, rel=1e-3, abs=1e-9)
+    assert depth > 0.05

@@ -26,7 +26,7 @@ class ParticleForce:
     It defines `@ti.func on(self, i, x, v, t)`, the force [N] on particle i for the fields x, v of all particles at
     `t` seconds after the current frame began, or, with `in_passes`, `@ti.func on_pass(self, first, last, x, v, t, f)`,
     which adds the forces on the particles first … last - 1 of one pass (see Memory.lanes) to f; and, if `energy_kind`
-    is set, `@ti.func energy(self, i, x)` [J].
+    is set, `@ti.func energy(self, i, x, t)` [J].
     """
 
     title: ClassVar[str]

@@ -116,12 +116,12 @@ class PenaltyContact(ParticleForce):
                     f[i] = f[i] + self.on(i, x, v, t)
 
     @ti.func
-    def energy(self, i, x):
-        """½ k depth², at the beginning of the frame."""
+    def energy(self, i, x, t):
+        """½ k depth²."""
         total = ti.cast(0.0, float)
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
-                depth = ti.max(0.0, -self.touch(group.signed_distance, r, i, x, 0.0)[3])
+                depth = ti.max(0.0, -self.touch(group.signed_distance, r, i, x, t)[3])
                 total += 0.5 * self.contact.stiffness * depth * depth
         return total
 

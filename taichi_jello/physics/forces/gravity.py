@@ -24,5 +24,5 @@ class Gravity(ParticleForce):
         return self.particles.mass(i) * self.g[0]
 
     @ti.func
-    def energy(self, i, x):
+    def energy(self, i, x, t):
         return -self.particles.mass(i) * self.g[0].dot(x[i])

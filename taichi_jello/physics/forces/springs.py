@@ -73,7 +73,7 @@ class Springs(ParticleForce):
             f[i] = ti.Vector([fx[i - first], fy[i - first], fz[i - first]])
 
     @ti.func
-    def energy(self, i, x):
+    def energy(self, i, x, t):
         """Half of ½ k (|d| - R)² for each spring of particle i; its other end books the other half."""
         total = ti.cast(0.0, float)
         for e in range(self.start[i // LANES], self.start[i // LANES + 1]):
