@@ -3,7 +3,7 @@
 A particle sums its own springs, in a fixed order: no atomics, the same bits every time. Particles are taken in
 blocks of LANES. For a block, all springs that lead from particle i to i + shift with the same material make ONE
 entry: the shift, the material and a mask of the particles that have such a spring. On a lattice a block has about
-32 nearly full entries, so the table is small (28 bytes a particle at 64³) and a loop over a block's particles reads
+32 nearly full entries, so the table is small (12 bytes a particle) and a loop over a block's particles reads
 neighbouring memory, which the compiler turns into vector code. Any other network works too, with emptier masks.
 """
 
