@@ -107,7 +107,7 @@ def test_wrong_wishes_are_named(cube):
 
 
 def test_ggui_without_a_driver_says_so(monkeypatch):
-    monkeypatch.setattr("taichi_jello.view.ggui.core.with_vulkan", lambda: False)
+    monkeypatch.setattr("taichi_jello.view.ggui.has_vulkan", lambda: False)
     with pytest.raises(RuntimeProblem, match="Vulkan"):
         open_renderer("ggui")
     assert open_renderer("auto", (64, 64)).name == "raster"
@@ -116,7 +116,7 @@ def test_ggui_without_a_driver_says_so(monkeypatch):
 def test_a_window_without_a_screen_says_so(monkeypatch, cube):
     from taichi_jello.view.viewer import play
 
-    monkeypatch.setattr("taichi_jello.view.ggui.core.with_vulkan", lambda: True)
+    monkeypatch.setattr("taichi_jello.view.ggui.has_vulkan", lambda: True)
     monkeypatch.setenv("DISPLAY", ":987")
     with pytest.raises(RuntimeProblem, match=":987"):
         play(cube)
