@@ -16,12 +16,14 @@ LANES = 32  # particles in one block; a block's mask in the gather table is one 
 class Memory:
     """Makes every Taichi field of a simulation and remembers whose it is and how many bytes it takes.
 
-    particles: N; guard: places before the first and after the last particle that a block may read, never use.
+    particles: N; guard: places before the first and after the last particle that a block may read, never use;
+    serial: the step's kernel is one loop on one thread.
     Fields get their first values together in `fill`: one kernel to compile instead of one for each.
     """
 
     particles: int
     guard: int
+    serial: bool
     owner: runtime.Runtime = field(default_factory=runtime.current)
     fields: list[tuple[str, str, int]] = field(default_factory=list)
     tables: list[tuple[Any, np.ndarray]] = field(default_factory=list)
@@ -33,9 +35,12 @@ class Memory:
 
     @property
     def lanes(self) -> int:
-        """Particles that one pass of a kernel's loop over blocks takes: a whole block on a CPU, where the inner loop
-        over them becomes vector code; one on a GPU, where the threads of a warp are the block."""
-        return LANES if self.owner.on_cpu else 1
+        """Particles that one pass of a kernel's loop over blocks takes. On a CPU, where the inner loop over them
+        becomes vector code, a whole block, or half of one in a parallel kernel, where LLVM would keep the sums of a
+        whole block in memory; one on a GPU, where the threads of a warp are the block."""
+        if not self.owner.on_cpu:
+            return 1
+        return LANES if self.serial else LANES // 2
 
     @property
     def passes(self) -> int:
@@ -83,24 +88,26 @@ class Memory:
             starts.append(sum(map(len, packed[whole])))
             packed[whole].append(values.ravel())
         self.starts = tuple(starts)
-        self._fill(np.concatenate(packed[True]), np.concatenate(packed[False]))
+        longest = max((rows for rows, _ in self.shapes), default=0)
+        self._fill(np.concatenate(packed[True]), np.concatenate(packed[False]), longest)
         self.tables.clear()
 
     @ti.kernel
-    def _fill(self, ints: ti.types.ndarray(), floats: ti.types.ndarray()):
-        for k in ti.static(range(len(self.targets))):
-            width = ti.static(self.shapes[k][1])
-            for i in range(self.shapes[k][0]):
-                for column in ti.static(range(width)):
-                    place = self.starts[k] + i * width + column
-                    if ti.static(width == 1 and self.whole[k]):
-                        self.targets[k][i] = ints[place]
-                    elif ti.static(width == 1):
-                        self.targets[k][i] = floats[place]
-                    elif ti.static(self.whole[k]):
-                        self.targets[k][i][column] = ints[place]
-                    else:
-                        self.targets[k][i][column] = floats[place]
+    def _fill(self, ints: ti.types.ndarray(), floats: ti.types.ndarray(), longest: int):
+        for i in range(longest):
+            for k in ti.static(range(len(self.targets))):
+                if i < self.shapes[k][0]:
+                    width = ti.static(self.shapes[k][1])
+                    for column in ti.static(range(width)):
+                        place = self.starts[k] + i * width + column
+                        if ti.static(width == 1 and self.whole[k]):
+                            self.targets[k][i] = ints[place]
+                        elif ti.static(width == 1):
+                            self.targets[k][i] = floats[place]
+                        elif ti.static(self.whole[k]):
+                            self.targets[k][i][column] = ints[place]
+                        else:
+                            self.targets[k][i][column] = floats[place]
 
 
 @ti.data_oriented

@@ -3,6 +3,7 @@
 import numpy as np
 import taichi as ti
 
+from taichi_jello import runtime
 from taichi_jello.body import Body
 from taichi_jello.physics import forces as force_folder
 from taichi_jello.physics.bounds import Bound, largest_dt
@@ -35,13 +36,15 @@ class System:
 
     def __init__(self, scene: Scene, body: Body, *, method: str | None = None, serial: bool | None = None):
         Scheme = scheme(method or scene.solver.method)
-        self.memory = Memory(len(body), reach(body))
+        owner = runtime.current()
+        small = owner.on_cpu and (owner.threads == 1 or len(body) < SERIAL_PARTICLES)
+        self.serial = small if serial is None else serial
+        self.memory = Memory(len(body), reach(body), self.serial, owner)
         self.count, self.lanes, self.passes = len(body), self.memory.lanes, self.memory.passes
-        self.owner = self.memory.owner
+        self.owner = owner
         v = np.where(body.pinned[:, None], 0.0, body.v)
         self.state = State.made_in(self.memory, "state", body.x, v)
-        self.good = State.made_in(self.memory, "last good state")
-        self.first_bad = self.memory.table("last good state", "first bad particle", np.zeros(1, np.int32))
+        self._good = np.hstack([body.x, v]).astype(self.memory.number)
         self.particles = Particles(body, self.memory)
         made = {kind: kind.made_for(scene, self.particles) for kind in force_kinds()}
         self.absent = [kind.title for kind, found in made.items() if not found]
@@ -53,10 +56,7 @@ class System:
         self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
         self.rates = [force.rates() for force in self.all_forces]
         self.integrator = Scheme(self.memory, self.state, damped=any(f.reads_velocity for f in self.all_forces))
-        small = self.owner.on_cpu and (self.owner.threads == 1 or self.count < SERIAL_PARTICLES)
-        self.serial = small if serial is None else serial
         self.memory.fill()
-        self.keep_if_finite()
         self.bound: Bound = largest_dt(Scheme.amplification, Scheme.safety, self.rates, scene.drag)
 
     @ti.func
@@ -121,7 +121,8 @@ class System:
 
     def write(self, x: np.ndarray, v: np.ndarray) -> None:
         """Set the state, (N, 3) each, and remember it as good."""
-        self._write(np.hstack([x, v]).astype(self.memory.number))
+        self._good = np.hstack([x, v]).astype(self.memory.number)
+        self._write(self._good)
 
     @ti.kernel
     def _write(self, values: ti.types.ndarray()):
@@ -129,13 +130,10 @@ class System:
             for axis in ti.static(range(3)):
                 self.state.x[i][axis] = values[i, axis]
                 self.state.v[i][axis] = values[i, 3 + axis]
-            self.good.x[i], self.good.v[i] = self.state.x[i], self.state.v[i]
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
-        """The state, x and v, (N, 3) each."""
-        values = np.empty((self.count, 6), self.memory.number)
-        self._read(values)
-        return values[:, :3].copy(), values[:, 3:].copy()
+        """The last good state, x and v, (N, 3) each."""
+        return self._good[:, :3].copy(), self._good[:, 3:].copy()
 
     @ti.kernel
     def _read(self, values: ti.types.ndarray()):
@@ -147,23 +145,17 @@ class System:
     def keep_if_finite(self) -> int | None:
         """Remember the state as good; or, if it has numbers that are not finite, go back to the last good one and
         return the first particle with such a number."""
-        self._find_bad()
-        bad = self.first_bad[0]
-        return bad if bad < self.count else None
-
-    @ti.kernel
-    def _find_bad(self):
-        for k in range(1):
-            self.first_bad[k] = self.count
-        for i in range(self.count):
-            for axis in ti.static(range(3)):
-                if not_finite(self.state.x[i][axis]) or not_finite(self.state.v[i][axis]):
-                    ti.atomic_min(self.first_bad[0], i)
-        for i in range(self.count):
-            if self.first_bad[0] == self.count:
-                self.good.x[i], self.good.v[i] = self.state.x[i], self.state.v[i]
-            else:
-                self.state.x[i], self.state.v[i] = self.good.x[i], self.good.v[i]
+        values = np.empty_like(self._good)
+        self._read(values)
+        with np.errstate(invalid="ignore"):
+            total = values.sum(dtype=np.float64)  # one sum is cheaper than a look at each
+        if not np.isfinite(total):
+            bad = np.flatnonzero(~np.isfinite(values).all(1))
+            if len(bad):
+                self._write(self._good)
+                return int(bad[0])
+        self._good = values
+        return None
 
     @ti.kernel
     def _energy_shares(self, t: float, out: ti.types.ndarray()):
@@ -180,14 +172,3 @@ class System:
         shares = np.zeros((self.count, len(ENERGIES)), self.memory.number)
         self._energy_shares(t, shares)
         return dict(zip(ENERGIES, shares.sum(0, dtype=np.float64).tolist(), strict=True))
-
-
-@ti.func
-def not_finite(number):
-    """By its bits: compilers may assume that numbers are finite and drop a comparison."""
-    bad = False
-    if ti.static(ti.lang.impl.get_runtime().default_fp == ti.f32):
-        bad = (ti.bit_cast(number, ti.i32) & 0x7F800000) == 0x7F800000
-    else:
-        bad = ((ti.bit_cast(number, ti.i64) >> 52) & 0x7FF) == 0x7FF
-    return bad

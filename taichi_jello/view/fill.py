@@ -9,7 +9,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.view.camera import NEAR
-from taichi_jello.view.shading import Array2, Index2, row, vec3
+from taichi_jello.view.rows import Array2, Index2, row, vec3
 
 Pixels = ti.types.ndarray(dtype=ti.i64, ndim=2)
 Image = ti.types.ndarray(dtype=ti.u8, ndim=3)

@@ -17,14 +17,12 @@ from taichi_jello.view import palette
 from taichi_jello.view.camera import FAR, NEAR, Viewpoint
 from taichi_jello.view.drawing import Drawing
 from taichi_jello.view.primitives import Triangles
-from taichi_jello.view.shading import vec3
 
 ROWS = 720  # line widths are given for a picture this high
 FRAMES = 300  # Mesa's software driver leaks half a megabyte a frame until its window is destroyed
 ROW = 12  # floats of one vertex in GGUI's own buffers: position 3, normal 3, texture 2, colour 4
 UPWARDS = np.array([0.0, 1.0, 0.0], np.float32)
-TILE = 16
-BACK = 0.8 * FAR  # m; how far behind everything the background hangs
+STRIP = 32  # columns of pixels
 
 
 def available() -> bool:
@@ -126,9 +124,11 @@ class Ggui:
             self._open()
         self._frames += 1
         width, height = self.window.get_window_shape()
-        self.canvas.set_background_color(tuple(palette.SKY_LOW))
+        # A flat picture costs Mesa's software driver a third of what a mesh behind everything does.
+        background = _background()
+        self.canvas.canvas.triangles(get_field_info(background), get_field_info(None), True, (1.0, 1.0, 1.0))
         scene = self.window.get_scene()
-        self._keep: list[np.ndarray] = []  # GGUI reads these when the scene is drawn
+        self._keep = [background]  # GGUI reads these when the scene is drawn
         self._aim(scene, viewpoint)
         for width_ in sorted({batch.width for batch in drawing.lines}):
             same = [batch for batch in drawing.lines if batch.width == width_]
@@ -137,8 +137,8 @@ class Ggui:
         if drawing.dots is not None:
             # GGUI draws discs width/height times too wide.
             self._dots(scene, drawing.dots, drawing.dots.radius * height / width)
-        # What is nearer comes first: pixels that it hides are then never shaded.
-        self._meshes(scene, [*reversed(drawing.opaque), _background(viewpoint, width / height)])
+        if drawing.opaque:  # what is nearer comes first: pixels that it hides are then never shaded
+            self._meshes(scene, [*reversed(drawing.opaque)])
         if drawing.blended is not None:
             self._meshes(scene, [drawing.blended])
         # Without any light the driver crashes, and with Taichi's own at the origin pixels there turn black.
@@ -182,11 +182,7 @@ class Ggui:
     def image(self) -> np.ndarray:
         """(height, width, 3) uint8: what was drawn last, a copy. In a window, ask before show()."""
         runtime.check(self._runtime)
-        raw = self.window.get_image_buffer_as_numpy()
-        width, height = raw.shape[0] // self.samples, raw.shape[1] // self.samples
-        image = np.empty((height, width, 3), np.uint8)
-        shrink(raw, image, self.samples)
-        return image
+        return shrink(self.window.get_image_buffer_as_numpy(), self.samples)
 
     def close(self) -> None:
         """Destroy the window. Twice does no harm."""
@@ -196,34 +192,29 @@ class Ggui:
             self.window = None
 
 
-def _background(viewpoint: Viewpoint, aspect: float) -> Triangles:
-    """The background's two colours on one rectangle far behind everything."""
-    right, up, back = viewpoint.axes()
-    high = BACK * np.tan(np.radians(viewpoint.fov) / 2.0)
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [1.001 * high * aspect, 1.001 * high]
-    mesh = Triangles.empty(4, np.array([[0, 1, 2], [0, 2, 3]]))
-    mesh.x[:] = viewpoint.eye - BACK * back + corners @ np.stack([right, up])
-    mesh.rgba[:, :3] = [palette.SKY_LOW, palette.SKY_LOW, palette.SKY_TOP, palette.SKY_TOP]
-    return mesh
+def _background() -> np.ndarray:
+    """GGUI's rows for two triangles that fill the picture with the background's two colours."""
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]], float)
+    rows = np.zeros((6, ROW), np.float32)
+    rows[:, :2] = corners
+    rows[:, 8:11] = palette.SKY_LOW + corners[:, 1:] * (palette.SKY_TOP - palette.SKY_LOW)
+    rows[:, 11] = 1.0
+    return rows
 
 
-@ti.kernel
-def shrink(raw: ti.types.ndarray(dtype=ti.f32, ndim=3), image: ti.types.ndarray(dtype=ti.u8, ndim=3), samples: ti.i32):
-    """GGUI's picture, columns first and upwards, as rows downwards; each pixel the mean of samples × samples.
+def shrink(raw: np.ndarray, samples: int) -> np.ndarray:
+    """(height, width, 3) uint8, rows downwards, of GGUI's picture: (columns, rows upwards, 4) float32 from 0 to 1.
 
-    Tile by tile: one of the two is always walked across its memory, and a tile stays in the cache."""
-    wide = (image.shape[1] + TILE - 1) // TILE
-    high = (image.shape[0] + TILE - 1) // TILE
-    ti.loop_config(block_dim=16)
-    for tile in range(wide * high):
-        left, top = tile % wide * TILE, tile // wide * TILE
-        for x in range(left, ti.min(left + TILE, image.shape[1])):
-            for y in range(top, ti.min(top + TILE, image.shape[0])):
-                total = vec3(0.0)
-                for i in range(samples):
-                    for j in range(samples):
-                        column, row = x * samples + i, (image.shape[0] - 1 - y) * samples + j
-                        total += vec3(raw[column, row, 0], raw[column, row, 1], raw[column, row, 2])
-                total = total * (255.0 / (samples * samples)) + 0.5
-                for k in ti.static(range(3)):
-                    image[y, x, k] = ti.cast(total[k], ti.u8)
+    Each pixel is the mean of samples × samples. By strips of columns, so that what is worked on stays in the cache."""
+    width, height = raw.shape[0] // samples, raw.shape[1] // samples
+    image = np.empty((height, width), np.uint32)
+    for left in range(0, width, STRIP):
+        strip = raw[left * samples : (left + STRIP) * samples]
+        if samples == 2:
+            strip = strip[0::2] + strip[1::2]
+            strip = strip[:, 0::2] + strip[:, 1::2]
+        strip = strip * np.float32(255.0 / samples**2)
+        strip += np.float32(0.5)
+        pixels = strip.astype(np.int32).astype(np.uint8).view(np.uint32)[..., 0]
+        image[:, left : left + STRIP] = pixels.T[::-1]
+    return image.view(np.uint8).reshape(height, width, 4)[..., :3].copy()

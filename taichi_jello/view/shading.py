@@ -1,24 +1,17 @@
-"""Light, as Taichi functions that every drawing kernel bakes into its vertex colours.
+"""Light, baked into the colours of vertices.
 
-`look` is the camera as a kernel sees it: a (5, 3) float32 array made by `look_from`.
+`look` is the camera: a (5, 3) float32 array made by `look_from`. Points p, normals n and colours are (n, 3)
+float32.
 """
 
 import numpy as np
-import taichi as ti
 
 from taichi_jello.view import palette
 from taichi_jello.view.camera import NEAR, Viewpoint
 
-Array1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
-Array2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
-Index1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
-Index2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
-vec3 = ti.types.vector(3, ti.f32)
-vec4 = ti.types.vector(4, ti.f32)
-
-KEY = vec3(*palette.KEY_LIGHT)
-FLOOR, SOLID = vec3(*palette.GROUND), vec3(*palette.OBSTACLE)
-SKY_TOP, SKY_LOW = vec3(*palette.SKY_TOP), vec3(*palette.SKY_LOW)
+KEY = palette.KEY_LIGHT.astype(np.float32)
+FLOOR, SOLID = palette.GROUND.astype(np.float32), palette.OBSTACLE.astype(np.float32)
+SKY_TOP, SKY_LOW = palette.SKY_TOP.astype(np.float32), palette.SKY_LOW.astype(np.float32)
 NEAREST = NEAR * 1.02  # a clipped end stays just in front of the plane, whatever the rounding
 TOWARDS_EYE = 0.004  # lines are drawn this much nearer, so that the surface they lie on does not hide them
 
@@ -30,105 +23,81 @@ def look_from(viewpoint: Viewpoint) -> np.ndarray:
     return np.array([viewpoint.eye, right, up, -back, [focal, 0.0, 0.0]], np.float32)
 
 
-@ti.func
-def row(a: ti.template(), i):
-    return vec3(a[i, 0], a[i, 1], a[i, 2])
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(n, 1): row by row."""
+    return np.einsum("ij,ij->i", a, b)[:, None]
 
 
-@ti.func
-def put(a: ti.template(), i, value):
-    for k in ti.static(range(3)):
-        a[i, k] = value[k]
+def unit(a: np.ndarray) -> np.ndarray:
+    """Each row at length 1; zero stays zero."""
+    return a / np.maximum(np.sqrt(dot(a, a)), np.float32(1e-20))
 
 
-@ti.func
-def smooth(low, high, value):
-    t = ti.math.clamp((value - low) / (high - low), 0.0, 1.0)
+def mix(a: np.ndarray, b: np.ndarray, t: np.ndarray) -> np.ndarray:
+    return a + (b - a) * t
+
+
+def smooth(low: float, high: float, value: np.ndarray) -> np.ndarray:
+    t = np.clip((value - low) / (high - low), 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
-@ti.func
-def backdrop(p, look: ti.template()):
-    """The colour of the picture's background behind the point p."""
-    d = p - row(look, 0)
-    depth = ti.max(d.dot(row(look, 3)), NEAREST)
-    height = 0.5 + 0.5 * look[4, 0] * d.dot(row(look, 2)) / depth
-    return ti.math.mix(SKY_LOW, SKY_TOP, ti.math.clamp(height, 0.0, 1.0))
+def backdrop(p: np.ndarray, look: np.ndarray) -> np.ndarray:
+    """The colour of the picture's background behind the points p."""
+    d = p - look[0]
+    depth = np.maximum(d @ look[3], np.float32(NEAREST))
+    height = 0.5 + 0.5 * look[4, 0] * (d @ look[2]) / depth
+    return mix(SKY_LOW, SKY_TOP, np.clip(height, 0.0, 1.0)[:, None])
 
 
-@ti.func
-def ground(albedo, p, n, look: ti.template(), reach):
+def ground(p: np.ndarray, n: np.ndarray, look: np.ndarray, reach: float) -> np.ndarray:
     """An even floor under a soft sky; fades into the background before it ends `reach` [m] from the
     origin."""
-    light = 0.80 + 0.20 * ti.max(n.dot(KEY), 0.0) / KEY[1]
-    fade = smooth(0.22 * reach, 0.96 * reach, ti.sqrt(p[0] * p[0] + p[2] * p[2]))
-    return ti.math.mix(albedo * light, backdrop(p, look), fade)
+    light = 0.80 + (0.20 / KEY[1]) * np.maximum(n @ KEY, 0.0)
+    fade = smooth(0.22 * reach, 0.96 * reach, np.hypot(p[:, 0], p[:, 2]))
+    return mix(FLOOR * light[:, None], backdrop(p, look), fade[:, None])
 
 
-@ti.func
-def gloss(n, to_eye, sharpness):
-    """The lamp's reflection (Blinn)."""
-    half = (to_eye + KEY).normalized()
-    return ti.pow(ti.max(n.dot(half), 0.0), sharpness)
+def gloss(n: np.ndarray, to_eye: np.ndarray, sharpness: float) -> np.ndarray:
+    """(n, 1): the lamp's reflection (Blinn)."""
+    return np.maximum(dot(n, unit(to_eye + KEY)), 0.0) ** np.float32(sharpness)
 
 
-@ti.func
-def matte(albedo, p, n, look: ti.template()):
+def matte(p: np.ndarray, n: np.ndarray, look: np.ndarray) -> np.ndarray:
     """A satin solid: soft sky from above, lamp, a pale rim."""
-    to_eye = (row(look, 0) - p).normalized()
-    facing = ti.max(n.dot(to_eye), 0.0)
-    sky = 0.62 + 0.18 * n[1]
-    lamp = 0.36 * ti.max((n.dot(KEY) + 0.25) / 1.25, 0.0)
-    rim = 0.16 * ti.pow(1.0 - facing, 3.0)
-    return ti.min(albedo * (sky + lamp) + rim + 0.22 * gloss(n, to_eye, 40.0), 1.0)
+    to_eye = unit(look[0] - p)
+    sky = 0.62 + 0.18 * n[:, 1:2]
+    lamp = 0.36 * np.maximum(((n @ KEY)[:, None] + 0.25) / 1.25, 0.0)
+    rim = 0.16 * (1.0 - np.maximum(dot(n, to_eye), 0.0)) ** 3
+    return np.minimum(SOLID * (sky + lamp) + rim + 0.22 * gloss(n, to_eye, 40.0), 1.0)
 
 
-@ti.func
-def gel(albedo, p, n, look: ti.template()):
-    """(rgb, alpha) of a translucent skin: clear where it is seen face on, dense and bright towards its edges.
+def gel(albedo: np.ndarray, p: np.ndarray, n: np.ndarray, look: np.ndarray) -> np.ndarray:
+    """(n, 4) colours and alpha of a translucent skin: clear where it is seen face on, dense and bright towards
+    its edges.
 
     The inner side, seen through the body, is darker and more saturated, as light there crossed more of the
     gel.
     """
-    to_eye = (row(look, 0) - p).normalized()
-    facing = n.dot(to_eye)
+    to_eye = unit(look[0] - p)
+    facing, lit = dot(n, to_eye), (n @ KEY)[:, None]
     outside = facing > 0.0
-    edge = ti.pow(1.0 - ti.min(ti.abs(facing), 1.0), 2.5)
-    wrapped = ti.max((n.dot(KEY) + 0.55) / 1.55, 0.0)
-    body = albedo * (0.66 + 0.42 * wrapped) + 0.10 * wrapped
-    alpha = 0.30 + 0.45 * edge
-    shine = 0.55 * gloss(n, to_eye, 36.0) + 0.20 * edge
-    if not outside:
-        deep = albedo * albedo * 0.35 + albedo * 0.55
-        body = deep * (0.85 + 0.25 * ti.max(-n.dot(KEY), 0.0))
-        alpha = 0.34 + 0.20 * edge
-        shine = 0.10 * gloss(-n, to_eye, 20.0)
+    edge = (1.0 - np.minimum(np.abs(facing), 1.0)) ** np.float32(2.5)
+    wrapped = np.maximum((lit + 0.55) / 1.55, 0.0)
+    outer = albedo * (0.66 + 0.42 * wrapped) + 0.10 * wrapped
+    inner = albedo * (0.35 * albedo + 0.55) * (0.85 + 0.25 * np.maximum(-lit, 0.0))
+    alpha = np.where(outside, 0.30 + 0.45 * edge, 0.34 + 0.20 * edge)
+    shine_out = 0.55 * gloss(n, to_eye, 36.0) + 0.20 * edge
+    shine = np.clip(np.where(outside, shine_out, 0.10 * gloss(-n, to_eye, 20.0)), 0.0, 1.0)
     # A reflection is added light: over the body it blends to the same as one layer of this colour and alpha.
-    shine = ti.math.clamp(shine, 0.0, 1.0)
     total = 1.0 - (1.0 - alpha) * (1.0 - shine)
-    color = (body * alpha * (1.0 - shine) + shine) / total
-    return vec4(ti.min(color, 1.0), total)
+    color = (np.where(outside, outer, inner) * alpha * (1.0 - shine) + shine) / total
+    return np.concatenate([np.minimum(color, 1.0), total], 1)
 
 
-@ti.kernel
-def paint(
-    points: Array2, normal: Array2, solid: Index1, tint: Array2, amount: Array1, look: Array2, reach: ti.f32,
-    lift: ti.f32, x: Array2, rgba: Array2,
-):  # fmt: skip
-    """Shade points of colliders: floors where solid is 0, obstacles where it is 1, mixed with `amount` of a
-    tint.
-
-    They are drawn `lift` of their distance nearer to the eye: what lies on a floor must not vanish in it."""
-    ti.loop_config(block_dim=256)
-    for i in range(points.shape[0]):
-        p, n = row(points, i), row(normal, i)
-        put(x, i, p + (row(look, 0) - p) * lift)
-        color = vec3(0.0)
-        if solid[i] == 1:  # noqa: SIM108 - Taichi would evaluate both sides of a conditional expression
-            color = matte(SOLID, p, n, look)
-        else:
-            color = ground(FLOOR, p, n, look, reach)
-        put(rgba, i, color + (row(tint, 0) - color) * amount[i])
+def nearer(points: np.ndarray, look: np.ndarray, lift: float) -> np.ndarray:
+    """The points moved by `lift` of their distance towards the eye: what lies on a floor must not vanish in it."""
+    return points + (look[0] - points) * np.float32(lift)
 
 
 def clip(ends: np.ndarray, look: np.ndarray, lift: float) -> None:

@@ -6,7 +6,8 @@ import taichi as ti
 
 from taichi_jello.view import palette
 from taichi_jello.view.primitives import Triangles
-from taichi_jello.view.shading import Array2, Index2, paint, row, vec3
+from taichi_jello.view.rows import Array2, Index2, row, vec3
+from taichi_jello.view.shading import ground, mix, nearer
 from taichi_jello.view.surroundings import REACH, Surface
 
 CELLS = 80  # cells along each side of the grid
@@ -60,22 +61,18 @@ def cast(x: Array2, faces: Index2, plane: Array2, heights: Array2):
                     ti.atomic_min(heights[i, j], ti.max((low[2] + high[2]) * 0.5, 0.0))
 
 
-@ti.kernel
-def blur(cover: Array2, heights: Array2, cell: ti.f32, covered: Array2, mean: Array2):
-    """One axis of a blur that reaches farther for higher casters, with the axes swapped: twice is a whole
-    blur."""
-    ti.loop_config(block_dim=8)
-    for i in range(CELLS):
-        for j in range(CELLS):
-            total, high = ti.f32(0.0), ti.f32(0.0)
-            for k in range(ti.max(i - TAPS, 0), ti.min(i + TAPS + 1, CELLS)):
-                reach = 2.6 + ti.min(0.16 * heights[k, j] / cell, TAPS - 1.6)
-                far = ti.abs(k - i) / reach
-                weight = cover[k, j] * ti.max(1.0 - far * far, 0.0) * (0.75 / reach)
-                total += weight
-                high += weight * heights[k, j]
-            covered[j, i] = total
-            mean[j, i] = high / ti.max(total, ti.f32(1e-9))
+def blur(cover: np.ndarray, heights: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
+    """One axis of a blur of (cover, mean height) that reaches farther for higher casters, with the axes swapped:
+    twice is a whole blur."""
+    reach = 2.6 + np.minimum(heights * np.float32(0.16 / cell), TAPS - 1.6)
+    dark, inverse = cover * (0.75 / reach), 1.0 / reach
+    covered, high = np.zeros_like(cover), np.zeros_like(cover)
+    for tap in range(-TAPS, TAPS + 1):
+        here, there = slice(max(0, -tap), CELLS - max(0, tap)), slice(max(0, tap), CELLS - max(0, -tap))
+        weight = dark[there] * np.maximum(1.0 - (tap * inverse[there]) ** 2, 0.0)
+        covered[here] += weight
+        high[here] += weight * heights[there]
+    return covered.T, (high / np.maximum(covered, np.float32(1e-9))).T
 
 
 def _grid_faces() -> np.ndarray:
@@ -98,10 +95,8 @@ class Shadow:
         self._faces = _grid_faces()
         self.triangles = Triangles.empty(CELLS * CELLS, self._faces)
         self._used = np.unique(self.faces)
-        self._grids = [np.zeros((CELLS, CELLS), np.float32) for _ in range(4)]
-        self._darkness = np.zeros(CELLS * CELLS, np.float32)
+        self._heights = np.zeros((CELLS, CELLS), np.float32)
         self._normals = np.tile(self.normal, (CELLS * CELLS, 1)).astype(np.float32)
-        self._solid = np.zeros(CELLS * CELLS, np.int32)
         self._steps = np.indices((CELLS, CELLS)).reshape(2, -1).T
 
     def update(self, x: np.ndarray, origin: np.ndarray, look: np.ndarray) -> None:
@@ -109,20 +104,15 @@ class Shadow:
         corner, cell = self._place(x[self._used] - origin)
         base = origin + corner @ self.axes
         plane = np.stack([base, *(self.axes / cell), self.normal, SUN]).astype(np.float32)
-        heights, cover, mean, covered = self._grids
-        cast(x, self.faces, plane, heights)
-        np.less(heights, NOTHING, out=cover, casting="unsafe")
-        blur(cover, heights, cell, covered, mean)
-        blur(covered, mean, cell, cover, heights)
-        faint = DARKEST / (1.0 + FAINTER * heights)
-        np.minimum((cover * faint).ravel(), DARKEST, out=self._darkness)
+        cast(x, self.faces, plane, self._heights)
+        cover, heights = blur((self._heights < NOTHING).astype(np.float32), self._heights, cell)
+        cover, heights = blur(cover, heights, cell)
+        darkness = np.minimum(cover * DARKEST / (1.0 + FAINTER * heights), DARKEST).ravel()
         # Where there is no shadow the floor itself shows: most of the grid need not be drawn.
-        self.triangles.index = self._faces[(self._darkness > FAINTEST)[self._faces].any(1)]
-        points = base + cell * (self._steps @ self.axes)
-        paint(
-            points.astype(np.float32), self._normals, self._solid, DARK, self._darkness, look, REACH, LIFT,
-            self.triangles.x, self.triangles.rgba,
-        )  # fmt: skip
+        self.triangles.index = self._faces[(darkness > FAINTEST)[self._faces].any(1)]
+        points = (base + cell * (self._steps @ self.axes)).astype(np.float32)
+        self.triangles.x[:] = nearer(points, look, LIFT)
+        self.triangles.rgba[:, :3] = mix(ground(points, self._normals, look, REACH), DARK, darkness[:, None])
 
     def _place(self, points: np.ndarray) -> tuple[np.ndarray, float]:
         """The grid's corner (2,) on the plane [m] and its cell [m]: whole cells, so that a shadow does not

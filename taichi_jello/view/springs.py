@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-import taichi as ti
 
 from taichi_jello.body import FAMILY_NAMES, Body
 from taichi_jello.view import palette
 from taichi_jello.view.primitives import WIDTH, Lines
-from taichi_jello.view.shading import TOWARDS_EYE, Array1, Array2, Index2, clip, put, row
+from taichi_jello.view.shading import TOWARDS_EYE, clip
 
 MOST = 95.0  # percentile of the loads that the scale reaches: one torn corner must not dim the rest
 FLOOR = 0.005  # strain below which a scale never shrinks: rounding noise in a resting body stays blue
@@ -43,23 +42,17 @@ def round_up(value: float) -> float:
     return float(next(step * power for step in (1.0, 2.0, 5.0, 10.0) if value <= step * power * (1.0 + 1e-6)))
 
 
-@ti.kernel
-def stretch(x: Array2, v: Array2, pairs: Index2, coefficients: Array2, strain: ti.i32, ends: Array2, load: Array1):
-    """Both drawn ends of every spring, and its load: |k (|d| - R) + c v·d/|d|| [N], or the strain ||d| - R| /
-    R."""
-    ti.loop_config(block_dim=128)
-    for s in range(pairs.shape[0]):
-        i, j = pairs[s, 0], pairs[s, 1]
-        a, b = row(x, i), row(x, j)
-        put(ends, 2 * s, a)
-        put(ends, 2 * s + 1, b)
-        d = b - a
-        length = d.norm()
-        rest = coefficients[s, 0]
-        along = (row(v, j) - row(v, i)).dot(d) / ti.max(length, ti.f32(1e-12))
-        load[s] = ti.abs(coefficients[s, 1] * (length - rest) + coefficients[s, 2] * along)
-        if strain == 1:
-            load[s] = ti.abs(length - rest) / ti.max(rest, ti.f32(1e-12)) * ti.cast(rest > 0.0, ti.f32)
+def loads(d: np.ndarray, w: np.ndarray, rest: np.ndarray, stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
+    """(S,) |k (|d| - R) + c w·d/|d|| [N] of springs that span d (S, 3) [m] and part at w (S, 3) [m/s]."""
+    length = np.sqrt(np.einsum("ij,ij->i", d, d))
+    along = np.einsum("ij,ij->i", w, d) / np.maximum(length, np.float32(1e-12))
+    return np.abs(stiffness * (length - rest) + damping * along)
+
+
+def strains(d: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """(S,) ||d| - R| / R, zero where R is."""
+    change = np.abs(np.sqrt(np.einsum("ij,ij->i", d, d)) - rest)
+    return np.divide(change, rest, out=np.zeros_like(change), where=rest > 0.0)
 
 
 def layers(body: Body) -> np.ndarray:
@@ -77,16 +70,16 @@ class Springs:
     """The springs of a body as `lines`, and `key`, what their colours mean in this frame.
 
     Of a dense body only layer 0 is drawn, by family also layer 1, and all when `everything` is set; the scale
-    is that of the springs drawn."""
+    and `load`, force [N] or strain of each, are those of the springs drawn."""
 
     def __init__(self, body: Body):
         layer = layers(body)
         order = np.argsort(layer, kind="stable")
         self.pairs = np.ascontiguousarray(body.springs[order], np.int32)
-        self.coefficients = np.stack([body.rest_length, body.stiffness, body.damping], 1)[order].astype(np.float32)
+        self.coefficients = [a[order].astype(np.float32) for a in (body.rest_length, body.stiffness, body.damping)]
         self.families = np.minimum(body.family, 3).astype(np.intp)[order]
         self.everything = False
-        self.load = np.zeros(len(self.pairs), np.float32)
+        self.load = np.zeros(0, np.float32)
         self.lines = Lines.empty(0, WIDTH)
         self.key = Key()
         self._counts = np.searchsorted(layer[order], [1, 2])
@@ -96,20 +89,24 @@ class Springs:
         self._floor = {"force": FLOOR * float(typical), "strain": FLOOR}
 
     def update(self, x: np.ndarray, v: np.ndarray, look: np.ndarray, color: str) -> None:
-        stretch(x, v, self.pairs, self.coefficients, int(color == "strain"), self._ends.x, self.load)
         shown = len(self.pairs) if self.everything else int(self._counts[1 if color == "family" else 0])
         self.lines = Lines(self._ends.x[: 2 * shown], self._ends.rgb[: 2 * shown], WIDTH)
+        i, j = self.pairs[:shown].T
+        self.lines.x[0::2], self.lines.x[1::2] = a, b = x[i], x[j]
         clip(self.lines.x, look, TOWARDS_EYE)
+        rest, stiffness, damping = (values[:shown] for values in self.coefficients)
         if color == "family":
             rgb, self.key = self._by_family(self.families[:shown])
         elif color == "plain":
             rgb, self.key = palette.PLAIN, Key()
+        elif color == "strain":
+            rgb, self.key = self._by_load(color, strains(b - a, rest))
         else:
-            rgb, self.key = self._by_load(color, self.load[:shown])
+            rgb, self.key = self._by_load(color, loads(b - a, v[j] - v[i], rest, stiffness, damping))
         self.lines.rgb.reshape(-1, 2, 3)[:] = rgb
 
     def _by_load(self, color: str, load: np.ndarray) -> tuple[np.ndarray, Key]:
-        load = np.where(np.isfinite(load), load, np.float32(np.inf))
+        self.load = load = np.where(np.isfinite(load), load, np.float32(np.inf))
         rank = min(len(load) - 1, int(len(load) * MOST / 100.0))
         most = round_up(max(float(np.partition(load, rank)[rank]), self._floor[color]))
         shade = np.minimum(load * ((SHADES - 1) / most), SHADES - 1).astype(np.intp)

@@ -7,7 +7,7 @@ import numpy as np
 from taichi_jello.scene import Collider, Scene
 from taichi_jello.view import palette
 from taichi_jello.view.primitives import WIDTH, Lines, Triangles
-from taichi_jello.view.shading import TOWARDS_EYE, clip, paint
+from taichi_jello.view.shading import TOWARDS_EYE, clip, ground, matte, mix
 
 REACH = 11.0  # m; an endless plane is drawn this far from the origin
 GRID_SEEN = (0.12 * REACH, 0.66 * REACH)  # m from the origin; the grid lines fade out between the two
@@ -38,23 +38,26 @@ class Surface:
 
 
 class Painted:
-    """Points of colliders that move with them, and what `paint` needs to shade them."""
+    """Points of colliders that move with them, shaded as a floor or as an obstacle."""
 
-    def __init__(self, points: list[np.ndarray], normal: list[np.ndarray], solid: list[bool], tint: np.ndarray):
+    def __init__(self, points: list[np.ndarray], normal: list[np.ndarray], solid: list[bool]):
         sizes = [len(part) for part in points]
         self._base = np.concatenate(points).astype(np.float32)
         self._normal = np.concatenate(normal).astype(np.float32)
         self._owner = np.repeat(np.arange(len(sizes)), sizes)
-        self._solid = np.repeat(np.array(solid, np.int32), sizes)
-        self._tint = np.asarray(tint, np.float32).reshape(1, 3)
-        self.amount = np.zeros(len(self._base), np.float32)
+        is_solid = np.repeat(np.array(solid, bool), sizes)
+        self._floor, self._solid = np.flatnonzero(~is_solid), np.flatnonzero(is_solid)
 
     def __len__(self) -> int:
         return len(self._base)
 
-    def paint(self, origins: np.ndarray, look: np.ndarray, lift: float, x: np.ndarray, rgba: np.ndarray) -> None:
-        places = self._base + origins[self._owner]
-        paint(places, self._normal, self._solid, self._tint, self.amount, look, REACH, lift, x, rgba)
+    def paint(self, origins: np.ndarray, look: np.ndarray, x: np.ndarray, rgb: np.ndarray) -> None:
+        """Set places x [m] and colours rgb for colliders at `origins` (colliders, 3) [m]."""
+        np.add(self._base, origins[self._owner], out=x)
+        for which, shade in ((self._floor, lambda p, n: ground(p, n, look, REACH)),
+                             (self._solid, lambda p, n: matte(p, n, look))):  # fmt: skip
+            if len(which):
+                rgb[which] = shade(x[which], self._normal[which])
 
 
 class Surroundings:
@@ -65,13 +68,13 @@ class Surroundings:
         starts = np.cumsum([0] + [len(s.points) for s in self.surfaces])
         faces = [s.faces + start for s, start in zip(self.surfaces, starts, strict=False)]
         solid = [not s.level for s in self.surfaces]
-        self._meshes = Painted([s.points for s in self.surfaces], [s.normal for s in self.surfaces], solid, np.zeros(3))
+        self._meshes = Painted([s.points for s in self.surfaces], [s.normal for s in self.surfaces], solid)
         self.triangles = Triangles.empty(len(self._meshes), np.concatenate(faces))
 
         edges = [_visible(collider) for collider in scene.collider]
         upright = [np.tile([0.0, 1.0, 0.0], (len(part), 1)) for part in edges]
-        self._edges = Painted(edges, upright, [False] * len(edges), palette.GRID)
-        self._edges.amount[:] = np.concatenate([_fading(e, c) for e, c in zip(edges, scene.collider, strict=True)])
+        self._edges = Painted(edges, upright, [False] * len(edges))
+        self._seen = np.concatenate([_fading(e, c) for e, c in zip(edges, scene.collider, strict=True)])[:, None]
         self.lines = Lines.empty(len(self._edges) // 2, WIDTH)
 
     def origins(self, time: float) -> np.ndarray:
@@ -80,9 +83,10 @@ class Surroundings:
 
     def update(self, origins: np.ndarray, look: np.ndarray) -> None:
         if len(self._meshes):
-            self._meshes.paint(origins, look, 0.0, self.triangles.x, self.triangles.rgba)
+            self._meshes.paint(origins, look, self.triangles.x, self.triangles.rgba[:, :3])
         if len(self._edges):
-            self._edges.paint(origins, look, 0.0, self.lines.x, self.lines.rgb)
+            self._edges.paint(origins, look, self.lines.x, self.lines.rgb)
+            self.lines.rgb[:] = mix(self.lines.rgb, palette.GRID, self._seen)
             clip(self.lines.x, look, TOWARDS_EYE)
 
 

@@ -49,13 +49,13 @@ def test_one_point_has_no_springs():
 COMPILED_BYTES = """
 import pathlib, sys, tempfile
 import taichi as ti
-from taichi_jello import Box, Contact, Plane, Scene, Simulation, Sphere, runtime
+from taichi_jello import Box, Contact, Plane, Room, Scene, Simulation, Sphere, runtime
 start = ti.init
 ti.init = lambda **options: start(offline_cache_file_path=sys.argv[1], **options)
 runtime.start(sys.argv[3])
-box = Box(points=(3, 3, 3), damping=0.0 if "undamped" in sys.argv[2] else 0.25)
+box = Box(points=(3, 3, 3), position=(0.0, 2.0, 0.0), damping=0.0 if "undamped" in sys.argv[2] else 0.25)
 options = {"plain": {}, "undamped": {}, "plane": {"collider": [Plane()]},
-    "no friction": {"collider": [Plane()], "contact": Contact(friction=0.0)},
+    "room": {"collider": [Room()]}, "no friction": {"collider": [Room()], "contact": Contact(friction=0.0)},
     "sphere too": {"collider": [Plane(), Sphere()]}}[sys.argv[2]]
 simulation = Simulation(Scene(gravity=(0.0, 0.0, 0.0), jello=[box], **options), method="symplectic-euler", substeps=900)
 simulation.system.steps(0, 1, 1e-5)
@@ -67,7 +67,7 @@ print(sum(file.stat().st_size for file in pathlib.Path(sys.argv[1]).rglob("*.tic
 def test_removing_a_feature_removes_its_kernel_code(tmp_path, request):
     """The size of the compiled step, cached alone in an empty folder, falls with every feature left out."""
     size = {}
-    for name in ("undamped", "plain", "no friction", "plane", "sphere too"):
+    for name in ("undamped", "plain", "plane", "sphere too", "no friction", "room"):
         command = [
             sys.executable,
             "-c",
@@ -79,4 +79,5 @@ def test_removing_a_feature_removes_its_kernel_code(tmp_path, request):
         done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "TI_OFFLINE_CACHE": "1"})
         assert done.returncode == 0, done.stderr
         size[name] = int(done.stdout.split()[-1])
-    assert 0 < size["undamped"] < size["plain"] < size["no friction"] < size["plane"] < size["sphere too"], size
+    assert 0 < size["undamped"] < size["plain"] < size["plane"] < size["sphere too"], size
+    assert size["plain"] < size["no friction"] < size["room"], size

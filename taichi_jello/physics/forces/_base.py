@@ -32,7 +32,7 @@ class ParticleForce:
     title: ClassVar[str]
     energy_kind: ClassVar[str | None] = None
     reads_velocity: bool = False
-    in_passes: ClassVar[bool] = False
+    in_passes: bool = False
 
     @classmethod
     def made_for(cls, scene: Scene, particles: Particles) -> list[Any]:

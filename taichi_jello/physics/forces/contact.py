@@ -9,6 +9,8 @@ import taichi as ti
 
 from taichi_jello.physics.forces._base import ParticleForce, Rates
 
+FEW = 3  # surfaces up to which a look at each is as quick as asking first whether any is near
+
 
 @ti.func
 def pressure(depth, speed, stiffness, damping):
@@ -38,7 +40,6 @@ class Group:
 class PenaltyContact(ParticleForce):
     title = "contact"
     energy_kind = "contact"
-    in_passes = True
     reads_velocity = True
 
     def __init__(self, scene, particles):
@@ -46,6 +47,7 @@ class PenaltyContact(ParticleForce):
         self.lanes, self.Lanes = particles.memory.lanes, particles.memory.lane_vector
         counts = [len(c.rows(0.0, 1.0)) for c in self.colliders]
         ends = np.cumsum(counts)
+        self.in_passes = ends[-1] > FEW
         groups: list[Group] = []
         for collider, count, end in zip(self.colliders, counts, ends, strict=True):
             if groups and groups[-1].signed_distance is collider.signed_distance:
