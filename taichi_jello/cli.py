@@ -1,11 +1,13 @@
 """The command line: each subcommand reads its options, calls one function and prints."""
 
 import argparse
+import contextlib
 import json
 import os
 import sys
 import tomllib
 import warnings
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -59,6 +61,14 @@ def picture_size(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
+def renderer(text: str) -> str:
+    from taichi_jello.view.renderers import NAMES
+
+    if text not in NAMES:
+        raise argparse.ArgumentTypeError(f"expected one of {', '.join(NAMES)}, got {text!r}")
+    return text
+
+
 def setting(text: str) -> tuple[str, Any]:
     key, equals, value = text.partition("=")
     if not equals or not key:
@@ -89,7 +99,7 @@ def options() -> Parser:
     drawing = Parser(add_help=False)
     drawing.add_argument("--size", type=picture_size, default=(1280, 720), metavar="WxH")
     drawing.add_argument("--color", choices=COLORS, help="what the springs' colour shows")
-    drawing.add_argument("--renderer", choices=("auto", "ggui", "raster"), default="auto")
+    drawing.add_argument("--renderer", type=renderer, default="auto", metavar="NAME", help="auto, ggui or raster")
 
     def add(name: str, text: str, parents: list[Any], **default_scene: Any) -> Any:
         command = commands.add_parser(name, help=text, description=text, parents=parents)
@@ -215,10 +225,11 @@ def do_run(chosen: argparse.Namespace) -> None:
     say(chosen, f"{path}: {len(trajectory.moments)} moments to {simulation.time:.6g} s; energies [J] {energy}")
 
 
-def advance_or_save(simulation: Simulation, seconds: float, path: Path) -> None:
-    """Go on by `seconds`; if the numbers go bad, keep the last good state beside `path`."""
+@contextlib.contextmanager
+def last_good_kept(simulation: Simulation, path: Path) -> Iterator[None]:
+    """If the numbers go bad within, keep the last good state beside `path`."""
     try:
-        simulation.advance(seconds)
+        yield
     except Diverged:
         trajectory = Trajectory(simulation)
         trajectory.add()
@@ -233,7 +244,8 @@ def do_shot(chosen: argparse.Namespace) -> None:
 
     path = output(chosen.output, ".png")
     simulation = make_simulation(chosen, make_scene(chosen))
-    advance_or_save(simulation, max(0.0, chosen.at - simulation.time), path)
+    with last_good_kept(simulation, path):
+        simulation.advance(max(0.0, chosen.at - simulation.time))
     write_png(path, simulation.render(chosen.size, renderer=chosen.renderer))
     say(chosen, f"{path}: {simulation.scene.title} at {simulation.time:.4g} s")
 
@@ -251,7 +263,9 @@ def do_play(chosen: argparse.Namespace) -> None:
         return
     path = output(f"{Path(chosen.scene).stem}.png", ".png")
     say(chosen, f"no window: {problem}; drawing offscreen instead")
-    write_png(path, film_strip(simulation, chosen.size, renderer=chosen.renderer))
+    with last_good_kept(simulation, path):
+        strip = film_strip(simulation, chosen.size, renderer=chosen.renderer)
+    write_png(path, strip)
     print(path.resolve())
 
 

@@ -22,7 +22,7 @@ def facts(simulation: Simulation) -> dict[str, Any]:
         "precision": system.owner.precision,
         "particles": len(body),
         "springs": {name: int(n) for name, n in zip(FAMILY_NAMES, count, strict=True) if n},
-        "form": "one serial loop a frame" if system.serial else "parallel tasks",
+        "form": f"one loop a frame, shared by {system.team}" if system.team else "parallel tasks",
         "compiled_in": [force.title for force in system.all_forces] + [simulation.method] + system.particles.traits(),
         "left_out": system.absent + system.particles.absent_traits(),
         "fields": dict(fields),

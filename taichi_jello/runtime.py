@@ -7,7 +7,6 @@ import os
 import sys
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import taichi as ti
@@ -118,31 +117,32 @@ def usable_cores() -> list[int]:
 def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None) -> Runtime:
     """Start Taichi anew; every field made before is dead. Reads no environment but Taichi's own.
 
-    arch: one of ARCHES; precision: "f32" or "f64"; threads: CPU threads, by default all that this process may use.
+    arch: one of ARCHES; precision: "f32" or "f64"; threads: CPU threads, at most and by default all that this process
+    may use.
     Raises RuntimeProblem for a name or a number that cannot be, or an arch that this machine lacks.
     """
     global _current
     if precision not in PRECISIONS:
         raise RuntimeProblem(f"--precision: expected f32 or f64, got {precision!r}")
     cores = usable_cores()
-    threads = len(cores) if threads is None else threads
+    threads = len(cores) if threads is None else min(threads, len(cores))
     if threads < 1:
         raise RuntimeProblem(f"--threads: expected a whole number of at least 1, got {threads}")
     chosen = choose_arch(arch)
     if chosen in ("vulkan", "metal") and precision == "f64":
         raise RuntimeProblem(f"--precision: {chosen} has no f64 here, use f32 or another --arch")
-    before = _thread_ids()
     with contextlib.redirect_stdout(io.StringIO()):  # "[Taichi] Starting on arch=…" has no switch
         ti.init(
             arch=getattr(ti, chosen),
             default_fp=getattr(ti, precision),
             cpu_max_num_threads=threads,
             log_level=ti.ERROR,
+            make_cpu_multithreading_loop=False,  # these two give one thread 512 iterations at least,
+            cpu_block_dim_adaptive=False,  # whatever block_dim a loop asks for
+            default_cpu_block_dim=512,  # for the loops that ask for none
             cfg_optimization=False,  # a third of the compile time, the same speed: LLVM optimises anyway
             fast_math=False,  # it may reorder sums, which gave other bits in a serial than in a parallel kernel
         )
-    if chosen == "cpu" and threads > 1:
-        _pin(sorted(_thread_ids() - before)[-threads:], cores)
     _current = Runtime(chosen, precision, threads, 1 if _current is None else _current.serial + 1)
     return _current
 
@@ -169,16 +169,3 @@ ASTTransformerContext.get_pos_info = _position
 # Taichi reads and tokenises a function's source file again wherever the function is inlined.
 kernel_impl.getsourcelines = cache(kernel_impl.getsourcelines)
 kernel_impl.getsourcefile = cache(kernel_impl.getsourcefile)
-
-
-def _thread_ids() -> set[int]:
-    tasks = Path("/proc/self/task")
-    return {int(task.name) for task in tasks.iterdir()} if tasks.is_dir() else set()
-
-
-def _pin(workers: list[int], cores: list[int]) -> None:
-    """Keep each worker on a core of its own. Woken for a millisecond at a time, they are otherwise often both put on
-    the waker's core and take turns there: measured 1.0× instead of 1.3–1.7× with two threads at 32³."""
-    for index, worker in enumerate(workers):
-        with contextlib.suppress(OSError):
-            os.sched_setaffinity(worker, {cores[index % len(cores)]})

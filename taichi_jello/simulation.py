@@ -41,9 +41,9 @@ class Snapshot:
 class Simulation:
     """A scene made of Taichi fields and stepped through time.
 
-    method, dt [s] and substeps (of a drawn frame) override the scene's solver; serial forces one of the two forms of
-    the step. Uses the running Taichi, or starts it with its defaults. Raises SceneError for a scene, a method or a
-    step that cannot be, and RuntimeProblem if Taichi was started again since.
+    method, dt [s] and substeps (of a drawn frame) override the scene's solver; team forces a form of the step (see
+    System). Uses the running Taichi, or starts it with its defaults. Raises SceneError for a scene, a method or a step
+    that cannot be, and RuntimeProblem if Taichi was started again since.
     """
 
     def __init__(
@@ -53,14 +53,14 @@ class Simulation:
         method: str | None = None,
         dt: float | str | None = None,
         substeps: int | None = None,
-        serial: bool | None = None,
+        team: int | None = None,
     ):
         self.scene = scene
         self.body: Body = join([jello.body() for jello in scene.jello])
         self._check_rooms()
         self.method = method or scene.solver.method
         self.frame_dt = scene.solver.frame_dt
-        self.system = System(scene, self.body, method=self.method, serial=serial)
+        self.system = System(scene, self.body, method=self.method, team=team)
         self.substeps = self._choose_substeps(scene.solver.dt if dt is None else dt, substeps)
         self.dt = self.frame_dt / self.substeps
         self._frames = self._done = 0

@@ -121,6 +121,16 @@ def test_bad_numbers_exit_with_3_and_keep_the_last_good_state(jello, small, tmp_
     assert jello("run", small, "-o", "on.npz", "--seconds", "0.01", "--from", "out.npz").returncode == 0
 
 
+@pytest.mark.parametrize("command", [["shot", "-o", "x.png", "--at", "2"], ["play", "--renderer", "raster"]])
+def test_a_picture_of_bad_numbers_keeps_the_last_good_state(command, jello, small, tmp_path):
+    done = jello(command[0], small, *command[1:], "--dt", "0.016", "--set", "jello.0.stiffness=5000")
+    assert done.returncode == 3 and "Traceback" not in done.stderr
+    (kept,) = tmp_path.glob("*.last-good.npz")
+    assert kept.name in done.stderr and not list(tmp_path.glob("*.png"))
+    with np.load(kept) as out:
+        assert np.isfinite(out["x"]).all() and len(out["time"]) == 1
+
+
 def test_vulkan_runs_the_same_kernels_and_gpu_takes_no_software_driver(jello, small, tmp_path):
     assert jello("run", small, "-o", "cpu.npz", "--seconds", "0.3").returncode == 0
     done = jello("run", small, "-o", "vulkan.npz", "--seconds", "0.3", "--arch", "vulkan")

@@ -87,13 +87,11 @@ def stable_limit(amplification: Amplification, zeta: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Bound:
-    """The step a scene allows: stiffness Λ [1/s²], damping Γ [1/s], the smallest C/K [s], drag [1/s] and the
-    safety factor; dt [s] is infinite for a scene in which nothing swings, zero if no step is stable."""
+    """The step a scene allows: stiffness Λ [1/s²], damping Γ [1/s] and the safety factor; dt [s] is infinite for a
+    scene in which nothing swings, zero if no step is stable."""
 
     squared_frequency: float
     damping: float
-    damping_time: float
-    drag: float
     safety: float
     dt: float
 
@@ -112,7 +110,7 @@ def largest_dt(amplification: Amplification, safety: float, rates: list, drag: f
         least = np.minimum(damping_time * omega**2 + drag, max(damping, 0.0))
         gamma = least + (damping - least) * np.linspace(0.0, 1.0, 9) ** 2
         dt = _scaled_limit(amplification, np.broadcast_to(omega, gamma.shape).ravel(), gamma.ravel())
-    return Bound(squared, damping, damping_time, drag, safety, safety * dt)
+    return Bound(squared, damping, safety, safety * dt)
 
 
 def _scaled_limit(amplification: Amplification, omega: np.ndarray, gamma: np.ndarray) -> float:

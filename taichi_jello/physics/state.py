@@ -16,14 +16,12 @@ LANES = 32  # particles in one block; a block's mask in the gather table is one 
 class Memory:
     """Makes every Taichi field of a simulation and remembers whose it is and how many bytes it takes.
 
-    particles: N; guard: places before the first and after the last particle that a block may read, never use;
-    serial: the step's kernel is one loop on one thread.
+    particles: N; guard: places before the first and after the last particle that a block may read, never use.
     Fields get their first values together in `fill`: one kernel to compile instead of one for each.
     """
 
     particles: int
     guard: int
-    serial: bool
     owner: runtime.Runtime = field(default_factory=runtime.current)
     fields: list[tuple[str, str, int]] = field(default_factory=list)
     tables: list[tuple[Any, np.ndarray]] = field(default_factory=list)
@@ -35,12 +33,9 @@ class Memory:
 
     @property
     def lanes(self) -> int:
-        """Particles that one pass of a kernel's loop over blocks takes. On a CPU, where the inner loop over them
-        becomes vector code, a whole block, or half of one in a parallel kernel, where LLVM would keep the sums of a
-        whole block in memory; one on a GPU, where the threads of a warp are the block."""
-        if not self.owner.on_cpu:
-            return 1
-        return LANES if self.serial else LANES // 2
+        """Particles that one pass of a kernel's loop over blocks takes: a whole block on a CPU, where the inner loop
+        over them becomes vector code; one on a GPU, where the threads of a warp are the block."""
+        return LANES if self.owner.on_cpu else 1
 
     @property
     def passes(self) -> int:

@@ -16,8 +16,8 @@ from taichi_jello.physics.state import Memory, State
 from taichi_jello.plugins import classes
 from taichi_jello.scene import Scene
 
-# Below this many particles one thread that never waits beats two that are woken for every loop (`jello study speed`).
-SERIAL_PARTICLES = 8000
+# Below this many particles one thread that never waits is as quick as several that wait for each other at every stage.
+ALONE = 3000
 ENERGIES = ("kinetic", "elastic", "gravity", "contact")
 
 
@@ -30,16 +30,16 @@ def force_kinds() -> list[type[ParticleForce]]:
 class System:
     """All particles of `body` under the forces that `scene` needs, stepped by one scheme.
 
-    serial: compile a frame as one loop on one thread (small scenes on a CPU) instead of parallel tasks; by default
-    chosen by size. Both give the same bits.
+    team: how many threads share the loop over a frame's substeps, each with its own particles, waiting for each other
+    between the stages: the form for a CPU. 0: parallel tasks for every stage, the form for a GPU. All give the same
+    bits; by default chosen by arch, threads and size.
     """
 
-    def __init__(self, scene: Scene, body: Body, *, method: str | None = None, serial: bool | None = None):
-        Scheme = scheme(method or scene.solver.method)
+    def __init__(self, scene: Scene, body: Body, *, method: str, team: int | None = None):
+        Scheme = scheme(method)
         owner = runtime.current()
-        small = owner.on_cpu and (owner.threads == 1 or len(body) < SERIAL_PARTICLES)
-        self.serial = small if serial is None else serial
-        self.memory = Memory(len(body), reach(body), self.serial, owner)
+        self.team = self._choose_team(owner, len(body)) if team is None else team
+        self.memory = Memory(len(body), reach(body), owner)
         self.count, self.lanes, self.passes = len(body), self.memory.lanes, self.memory.passes
         self.owner = owner
         v = np.where(body.pinned[:, None], 0.0, body.v)
@@ -56,57 +56,81 @@ class System:
         self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
         self.rates = [force.rates() for force in self.all_forces]
         self.integrator = Scheme(self.memory, self.state, damped=any(f.reads_velocity for f in self.all_forces))
+        if self.team > 1:
+            self.arrivals = ti.field(ti.i64, 1)  # how often threads came to wait_for_team, ever
         self.memory.fill()
         self.bound: Bound = largest_dt(Scheme.amplification, Scheme.safety, self.rates, scene.drag)
 
+    @staticmethod
+    def _choose_team(owner: runtime.Runtime, particles: int) -> int:
+        if not owner.on_cpu:
+            return 0
+        return min(owner.threads, len(runtime.usable_cores())) if particles >= ALONE else 1
+
     @ti.func
-    def accelerations(self, x, v, t, a):
-        """a = f(x, v, t)/m for every particle, f the sum of the forces the scene has.
+    def accelerations(self, first, last, x, v, t, a):
+        """a = f(x, v, t)/m for the particles first … last - 1, f the sum of the forces the scene has.
 
         (Everywhere in the step `f[i] = f[i] + …`, since Taichi makes `f[i] += …` an atomic addition in a parallel
         loop: measured, it halves the speed.)"""
-        for p in range(self.passes):
-            first = p * self.lanes
-            last = ti.min(first + self.lanes, self.count)
+        self.wait_for_team()  # until x and v of all particles are there
+        for p in range(first // self.lanes, (last + self.lanes - 1) // self.lanes):
+            start = p * self.lanes
+            end = ti.min(start + self.lanes, last)
             if ti.static(not self.springs_first):
-                for i in range(first, last):
+                for i in range(start, end):
                     a[i] = ti.Vector([0.0, 0.0, 0.0])
             for force in ti.static(self.in_passes):
-                force.on_pass(first, last, x, v, t, a)
-            for i in range(first, last):
+                force.on_pass(start, end, x, v, t, a)
+            for i in range(start, end):
                 total = a[i]
                 for force in ti.static(self.one_by_one):
                     total += force.on(i, x, v, t)
                 a[i] = total * self.particles.inverse_mass(i)
+        self.wait_for_team()  # until nobody needs x and v any more
+
+    @ti.func
+    def wait_for_team(self):
+        """Until every thread of the team has come here. Threads spin: being woken would take longer than a stage."""
+        if ti.static(self.team > 1):
+            come = ti.atomic_add(self.arrivals[0], 1)
+            everyone = (come // self.team + 1) * self.team
+            while ti.atomic_max(self.arrivals[0], 0) < everyone:
+                pass
 
     @ti.kernel
-    def _serial_steps(self, first: int, last: int, dt: float):
-        ti.loop_config(serialize=True)
-        for _ in range(1):
+    def _team_steps(self, start: int, stop: int, dt: float):
+        if ti.static(self.team == 1):
+            ti.loop_config(serialize=True)
+        else:
+            ti.loop_config(block_dim=1)
+        for member in range(self.team):
+            first = member * self.passes // self.team * self.lanes
+            last = ti.min((member + 1) * self.passes // self.team * self.lanes, self.count)
             if ti.static(self.integrator.has_begin):
-                self.integrator.begin(self, first * dt)
-            for step in range(first, last):
+                self.integrator.begin(self, first, last, start * dt)
+            for step in range(start, stop):
                 for s in range(self.integrator.stages):
-                    self.integrator.stage(self, s, step * dt, dt)
-                self.integrator.finish(self, step * dt, dt)
+                    self.integrator.stage(self, first, last, s, step * dt, dt)
+                self.integrator.finish(self, first, last, step * dt, dt)
 
     @ti.kernel
     def _parallel_begin(self, t: float):
-        self.integrator.begin(self, t)
+        self.integrator.begin(self, 0, self.count, t)
 
     @ti.kernel
     def _parallel_stage(self, s: int, step: int, dt: float):
-        self.integrator.stage(self, s, step * dt, dt)
+        self.integrator.stage(self, 0, self.count, s, step * dt, dt)
 
     @ti.kernel
     def _parallel_last_stage(self, s: int, step: int, dt: float):
-        self.integrator.stage(self, s, step * dt, dt)
-        self.integrator.finish(self, step * dt, dt)
+        self.integrator.stage(self, 0, self.count, s, step * dt, dt)
+        self.integrator.finish(self, 0, self.count, step * dt, dt)
 
     def steps(self, first: int, last: int, dt: float) -> None:
         """Substeps `first` to `last` of the current frame, dt [s] each."""
-        if self.serial:
-            self._serial_steps(first, last, dt)
+        if self.team:
+            self._team_steps(first, last, dt)
             return
         if self.integrator.has_begin:
             self._parallel_begin(first * dt)

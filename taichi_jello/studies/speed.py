@@ -61,11 +61,11 @@ def numpy_step(body: Body) -> Callable[[], None]:
     return step
 
 
-def lattice(n: int, method: str, serial: bool | None = None) -> Simulation:
+def lattice(n: int, method: str, team: int | None = None) -> Simulation:
     scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[Box(points=(n, n, n))], solver=Solver(frame_dt=1000 * DT))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StepWarning)  # a great lattice of light particles swings fast
-        return Simulation(scene, method=method, substeps=1000, serial=serial)
+        return Simulation(scene, method=method, substeps=1000, team=team)
 
 
 def kernel_row(n: int, arch: str, precision: str, threads: int, method: str, least: float) -> dict[str, Any]:
@@ -74,7 +74,7 @@ def kernel_row(n: int, arch: str, precision: str, threads: int, method: str, lea
     simulation = lattice(n, method)
     system, springs = simulation.system, len(simulation.body.springs)
     passes = system.integrator.stages
-    batch = max(1, round(2e6 / (springs * passes)))
+    batch = max(5, round(2e7 / (springs * passes)))  # about a drawn frame's substeps
 
     def run() -> None:
         system.steps(0, batch, DT)
@@ -87,7 +87,7 @@ def kernel_row(n: int, arch: str, precision: str, threads: int, method: str, lea
         "precision": precision,
         "threads": threads,
         "method": method,
-        "form": "serial" if system.serial else "parallel",
+        "form": f"team of {system.team}" if system.team else "parallel",
         "us_per_pass": {name: 1e6 * value for name, value in seconds.items()},
         "million_springs_per_second": springs / seconds["min"] / 1e6,
         "ns_per_spring": 1e9 * seconds["min"] / springs,

@@ -107,12 +107,22 @@ class Shadow:
         cast(x, self.faces, plane, self._heights)
         cover, heights = blur((self._heights < NOTHING).astype(np.float32), self._heights, cell)
         cover, heights = blur(cover, heights, cell)
-        darkness = np.minimum(cover * DARKEST / (1.0 + FAINTER * heights), DARKEST).ravel()
-        # Where there is no shadow the floor itself shows: most of the grid need not be drawn.
-        self.triangles.index = self._faces[(darkness > FAINTEST)[self._faces].any(1)]
-        points = (base + cell * (self._steps @ self.axes)).astype(np.float32)
-        self.triangles.x[:] = nearer(points, look, LIFT)
-        self.triangles.rgba[:, :3] = mix(ground(points, self._normals, look, REACH), DARK, darkness[:, None])
+        darkness = np.minimum(cover * DARKEST / (1.0 + FAINTER * heights), DARKEST)
+        self._paint(darkness, base, cell, look)
+
+    def _paint(self, darkness: np.ndarray, base: np.ndarray, cell: float, look: np.ndarray) -> None:
+        """Only where there is a shadow: elsewhere the floor itself shows."""
+        dark = darkness > FAINTEST
+        quads = dark[:-1, :-1] | dark[1:, :-1] | dark[:-1, 1:] | dark[1:, 1:]
+        self.triangles.index = self._faces[np.repeat(quads.ravel(), 2)]
+        used = np.zeros((CELLS, CELLS), bool)
+        for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            used[i : CELLS - 1 + i, j : CELLS - 1 + j] |= quads
+        which = np.flatnonzero(used)
+        points = (base + cell * (self._steps[which] @ self.axes)).astype(np.float32)
+        color = ground(points, self._normals[which], look, REACH)
+        self.triangles.x[which] = nearer(points, look, LIFT)
+        self.triangles.rgba[which, :3] = mix(color, DARK, darkness.ravel()[which, None])
 
     def _place(self, points: np.ndarray) -> tuple[np.ndarray, float]:
         """The grid's corner (2,) on the plane [m] and its cell [m]: whole cells, so that a shadow does not

@@ -17,7 +17,7 @@ def forces():
 
         @ti.kernel
         def fill():
-            system.accelerations(system.state.x, system.state.v, 0.0, out)
+            system.accelerations(0, system.count, system.state.x, system.state.v, 0.0, out)
 
         return system, fill, out
 

@@ -102,11 +102,11 @@ def test_runge_kutta_stages_in_nystroems_form(epsilon):
 
     @ti.kernel
     def begin():
-        scheme.begin(system, 0.0)
+        scheme.begin(system, 0, system.count, 0.0)
 
     @ti.kernel
     def stage(s: int):
-        scheme.stage(system, s, 0.0, dt)
+        scheme.stage(system, 0, system.count, s, 0.0, dt)
 
     begin()
     v, g = np.array([1.0, 2.0, 3.0]), np.array([0.0, -9.81, 0.0])

@@ -1,4 +1,4 @@
-"""The same run gives the same bits: twice, serial or parallel, with one thread or two."""
+"""The same run gives the same bits: twice, by one thread, a team of two or in parallel tasks."""
 
 import numpy as np
 import pytest
@@ -37,8 +37,8 @@ def test_same_bits_in_every_form(method, number, request):
     number = "f32" if arch in ("vulkan", "metal") else number
     one = final_state(arch, number, 1, method=method)
     assert np.isfinite(one).all()
-    threads, form = (2, {"serial": False}) if arch == "cpu" else (1, {})
-    assert np.array_equal(one, final_state(arch, number, threads, method=method, **form))
+    for form in ({"team": 2}, {"team": 0}) if arch == "cpu" else ({},):
+        assert np.array_equal(one, final_state(arch, number, 2, method=method, **form))
 
 
 def test_same_bits_twice_from_the_same_simulation(best_precision):

@@ -11,12 +11,13 @@ class Integrator:
     """One scheme. A step from t to t + dt [s after the frame began] is: `stage` for s = 0 … stages - 1, then `finish`.
 
     A subclass sets `name`, `order` (2 for error ∝ dt², …), `safety` and `stages`, and defines
-    - `@ti.func stage(self, system, s, t, dt)` and `@ti.func finish(self, system, t, dt)`, written as loops over
-      particles and calls of `system.accelerations`; they are compiled once each, as parallel tasks or within one
-      serial loop over a whole frame (stages unrolled in one kernel took 7 s to compile for RK4, this takes 0.6 s);
+    - `@ti.func stage(self, system, first, last, s, t, dt)` and `@ti.func finish(self, system, first, last, t, dt)` for
+      the particles first … last - 1: loops over these, which touch no others, and calls of `system.accelerations`,
+      which waits until all particles are where they should be. They are compiled once each, within one loop over a
+      frame for each thread of a team or as parallel tasks (stages unrolled took 7 s to compile for RK4, this 0.5 s);
     - `amplification(a, zeta)`: the (…, 2, 2) matrices of one step of length a for x'' = -x - 2ζx', from which
       `dt = "auto"` is found;
-    - with `has_begin`, `@ti.func begin(self, system, t)`, run before the first step of a frame.
+    - with `has_begin`, `@ti.func begin(self, system, first, last, t)`, run before the first step of a frame.
     """
 
     name: ClassVar[str]

@@ -30,14 +30,14 @@ class RungeKutta(Integrator):
         self.slopes = memory.vectors(self.name, "accelerations of all stages", self.stages)
 
     @ti.func
-    def begin(self, system, t):
-        for i in range(system.count):
+    def begin(self, system, first, last, t):
+        for i in range(first, last):
             self.at.x[i], self.at.v[i] = self.state.x[i], self.state.v[i]
 
     @ti.func
-    def stage(self, system, s, t, dt):
-        system.accelerations(self.at.x, self.at.v, t + self.c[s] * dt, self.acceleration)
-        for i in range(system.count):  # to where the next row of the tableau leads
+    def stage(self, system, first, last, s, t, dt):
+        system.accelerations(first, last, self.at.x, self.at.v, t + self.c[s] * dt, self.acceleration)
+        for i in range(first, last):  # to where the next row of the tableau leads
             self.slopes[s, i] = self.acceleration[i]
             before, dx, dv = self.state.v[i], ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
             for j in range(s + 1):
@@ -48,8 +48,8 @@ class RungeKutta(Integrator):
             self.at.v[i] = before + dt * dv
 
     @ti.func
-    def finish(self, system, t, dt):
-        for i in range(system.count):
+    def finish(self, system, first, last, t, dt):
+        for i in range(first, last):
             self.state.x[i], self.state.v[i] = self.at.x[i], self.at.v[i]
 
     @classmethod

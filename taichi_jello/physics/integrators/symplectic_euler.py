@@ -16,12 +16,12 @@ class SymplecticEuler(Integrator):
         self.a = memory.vectors(self.name, "a")
 
     @ti.func
-    def stage(self, system, s, t, dt):
-        system.accelerations(self.state.x, self.state.v, t, self.a)
+    def stage(self, system, first, last, s, t, dt):
+        system.accelerations(first, last, self.state.x, self.state.v, t, self.a)
 
     @ti.func
-    def finish(self, system, t, dt):
-        for i in range(system.count):
+    def finish(self, system, first, last, t, dt):
+        for i in range(first, last):
             self.state.v[i] = self.state.v[i] + dt * self.a[i]
             self.state.x[i] = self.state.x[i] + dt * self.state.v[i]
 

@@ -23,30 +23,30 @@ class VelocityVerlet(Integrator):
             self.half = memory.vectors(self.name, "half-step v")
 
     @ti.func
-    def begin(self, system, t):
-        system.accelerations(self.state.x, self.state.v, t, self.a)
+    def begin(self, system, first, last, t):
+        system.accelerations(first, last, self.state.x, self.state.v, t, self.a)
 
     @ti.func
-    def stage(self, system, s, t, dt):
+    def stage(self, system, first, last, s, t, dt):
         """Undamped: kick and drift, then the new force. Damped: stage 0 evaluates at the old end, stage 1 begins
         with kick and drift, every later one refines the new velocity."""
         if ti.static(self.damped):
-            for i in range(system.count):
+            for i in range(first, last):
                 if s == 1:
                     self.half[i] = self.state.v[i] + 0.5 * dt * self.a[i]
                     self.state.x[i] = self.state.x[i] + dt * self.half[i]
                 if s > 0:
                     self.state.v[i] = self.half[i] + 0.5 * dt * self.a[i]
-            system.accelerations(self.state.x, self.state.v, t + dt * ti.min(s, 1), self.a)
+            system.accelerations(first, last, self.state.x, self.state.v, t + dt * ti.min(s, 1), self.a)
         else:
-            for i in range(system.count):
+            for i in range(first, last):
                 self.state.v[i] = self.state.v[i] + 0.5 * dt * self.a[i]
                 self.state.x[i] = self.state.x[i] + dt * self.state.v[i]
-            system.accelerations(self.state.x, self.state.v, t + dt, self.a)
+            system.accelerations(first, last, self.state.x, self.state.v, t + dt, self.a)
 
     @ti.func
-    def finish(self, system, t, dt):
-        for i in range(system.count):
+    def finish(self, system, first, last, t, dt):
+        for i in range(first, last):
             if ti.static(self.damped):
                 self.state.v[i] = self.half[i] + 0.5 * dt * self.a[i]
             else:
