@@ -9,6 +9,7 @@ from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.colliders.room import Room
 from taichi_jello.physics.colliders.sphere import Sphere
 from taichi_jello.physics.forces.field import CallableField, GridField, UniformField
+from taichi_jello.physics.forces.grab import Grab
 from taichi_jello.scene import Camera, Contact, Pin, Scene, SceneError, Solver
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Diverged, Simulation, Snapshot
@@ -19,6 +20,7 @@ __all__ = [
     "Camera",
     "Contact",
     "Diverged",
+    "Grab",
     "GridField",
     "Pin",
     "Plane",

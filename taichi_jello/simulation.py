@@ -10,6 +10,7 @@ import numpy as np
 from taichi_jello import runtime
 from taichi_jello.body import Body, join
 from taichi_jello.physics.colliders.room import Room
+from taichi_jello.physics.forces.grab import Hand, Held
 from taichi_jello.physics.system import System
 from taichi_jello.scene import Scene, SceneError
 
@@ -60,8 +61,9 @@ class Simulation:
         self._check_rooms()
         self.method = method or scene.solver.method
         self.frame_dt = scene.solver.frame_dt
+        self._asked = scene.solver.dt if dt is None else dt, substeps
         self.system = System(scene, self.body, method=self.method, team=team)
-        self.substeps = self._choose_substeps(scene.solver.dt if dt is None else dt, substeps)
+        self.substeps = self._choose_substeps(*self._asked)
         self.dt = self.frame_dt / self.substeps
         self._frames = self._done = 0
         self._begun = False
@@ -205,6 +207,90 @@ class Simulation:
         self._time_before_frames = 0.0
         if abs(self.time - time) > 1e-6 * self.dt + 1e-12 * abs(time):
             self._frames, self._done, self._time_before_frames = 0, 0, time
+
+    @property
+    def tuning(self) -> dict[str, Any]:
+        """The numbers that `tune` can change in this scene: stiffness and damping (scales of the scene's own), gravity
+        [m/s²], contact_stiffness [N/m], contact_damping [N·s/m] and friction."""
+        return self.system.tuning
+
+    def tune(self, **numbers: Any) -> None:
+        """Change some of `tuning` from now on; an automatic dt follows the new safe step. Raises ValueError for a
+        number that cannot be, or that the scene does not have."""
+        runtime.check(self.system.owner)
+        self.system.tune(**numbers)
+        self._choose_step()
+
+    def change_method(self, name: str) -> None:
+        """Go on from here with another method. Raises SceneError if there is none of that name or it has no safe
+        step."""
+        now, tuning, hand, before = self.snapshot(), self.tuning, self._hand, (self.system, self.method)
+        system = System(self.scene, self.body, method=name)
+        self.system, self.method = system, name
+        try:
+            system.tune(**tuning)
+            self._choose_step()
+        except SceneError:
+            self.system, self.method = before
+            raise
+        self.restore(now)
+        if hand is not None and hand.holds and self._hand is not None:
+            self._hand.take(hand.particles, hand.weights, hand.target)
+
+    def _choose_step(self) -> None:
+        """Begin a frame here with the number of substeps that is safe now."""
+        time, substeps = self.time, self._choose_substeps(*self._asked)
+        if substeps != self.substeps or self._done:
+            self.substeps, self.dt = substeps, self.frame_dt / substeps
+            self._time_before_frames, self._frames, self._done = time, 0, 0
+        self._begun = False
+
+    @property
+    def _hand(self) -> Hand | None:
+        return next((force for force in self.system.all_forces if isinstance(force, Hand)), None)
+
+    def _need_hand(self) -> Hand:
+        if self._hand is None:
+            raise ValueError("the scene has no Grab() among its forces")
+        self._begun = False  # the frame that begins now begins with the hand's new place
+        return self._hand
+
+    def grab(self, particles: Any, weights: Any, target: Any) -> None:
+        """Hold the point Σ weights x of one to three particles and pull it to `target` (3,) [m], from now on. Raises
+        ValueError if the scene has no Grab() force or the arguments cannot be."""
+        who, share, place = np.asarray(particles, int), np.asarray(weights, float), np.asarray(target, float)
+        if not 1 <= who.size <= 3 or np.any(who < 0) or np.any(who >= len(self.body)):
+            raise ValueError(f"particles: expected 1 to 3 from 0 to {len(self.body) - 1}, got {who.tolist()}")
+        if share.shape != who.shape or np.any(share < -1e-6) or not abs(share.sum() - 1.0) < 1e-3:
+            raise ValueError(f"weights: expected {who.size} that sum to 1, got {share.tolist()}")
+        if place.shape != (3,) or not np.isfinite(place).all():
+            raise ValueError(f"target: expected 3 finite numbers, got {place.tolist()}")
+        self._need_hand().take(who, np.maximum(share, 0.0), place)
+
+    def move_grab(self, target: Any) -> None:
+        """Move the hand to `target` (3,) [m] in the course of the frame that follows."""
+        place = np.asarray(target, float)
+        if place.shape != (3,) or not np.isfinite(place).all():
+            raise ValueError(f"target: expected 3 finite numbers, got {place.tolist()}")
+        self._need_hand().target = place
+
+    def release(self) -> None:
+        """Let go."""
+        self._need_hand().let_go()
+
+    def push(self, velocity: Any, jello: int | None = None) -> None:
+        """Add `velocity` (3,) [m/s] to all free particles, or to those of one jello: a kick."""
+        kick = np.asarray(velocity, float)
+        if kick.shape != (3,) or not np.isfinite(kick).all():
+            raise ValueError(f"velocity: expected 3 finite numbers, got {kick.tolist()}")
+        now = self.snapshot()
+        moved = ~self.body.pinned & (True if jello is None else self.body.jello == jello)
+        self.restore(Snapshot(now.time, now.x, now.v + moved[:, None] * kick))
+
+    @property
+    def held(self) -> Held | None:
+        """What the hand holds now, and how hard it pulls."""
+        return self._hand.now(*self.system.read()) if self._hand is not None and self._hand.holds else None
 
     def reset(self) -> None:
         """Back to the beginning."""

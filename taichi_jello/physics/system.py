@@ -1,5 +1,7 @@
 """System: a scene's bodies and forces as Taichi fields and kernels, with only what the scene has."""
 
+from typing import Any
+
 import numpy as np
 import taichi as ti
 
@@ -54,12 +56,33 @@ class System:
         self.springs_first = any(isinstance(force, Springs) for force in passes)
         self.one_by_one = tuple(force for force in self.all_forces if not force.in_passes)
         self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
-        self.rates = [force.rates() for force in self.all_forces]
         self.integrator = Scheme(self.memory, self.state, damped=any(f.reads_velocity for f in self.all_forces))
         if self.team > 1:
             self.arrivals = ti.field(ti.i64, 1)  # how often threads came to wait_for_team, ever
         self.memory.fill()
-        self.bound: Bound = largest_dt(Scheme.amplification, Scheme.safety, self.rates, scene.drag)
+        self.drag = scene.drag
+        self.bound = self._largest_dt()
+
+    def _largest_dt(self) -> Bound:
+        self.rates = [force.rates() for force in self.all_forces]
+        return largest_dt(self.integrator.amplification, self.integrator.safety, self.rates, self.drag)
+
+    @property
+    def tuning(self) -> dict[str, Any]:
+        """The numbers that may change while the simulation runs."""
+        return {name: value for force in self.all_forces for name, value in force.tuning().items()}
+
+    def tune(self, **numbers: Any) -> None:
+        """Change some of `tuning`; the safe step follows. Raises ValueError for what the scene does not have."""
+        for name, value in numbers.items():
+            owners = [force for force in self.all_forces if name in force.tuning()]
+            if not owners:
+                raise ValueError(f"{name}: expected one of {', '.join(self.tuning)}")
+            if not np.isfinite(value).all() or (name != "gravity" and value < 0.0):
+                raise ValueError(f"{name}: expected finite numbers, not negative, got {value!r}")
+            for force in owners:
+                force.tune(name, value)
+        self.bound = self._largest_dt()
 
     @staticmethod
     def _choose_team(owner: runtime.Runtime, particles: int) -> int:

@@ -41,5 +41,13 @@ class ParticleForce:
     def rates(self) -> Rates:
         return Rates()
 
+    def tuning(self) -> dict[str, Any]:
+        """The numbers of this force that may change while the simulation runs, by name."""
+        return {}
+
+    def tune(self, name: str, value: Any) -> None:
+        """Change one of them; the kernels are not compiled anew."""
+        raise TypeError(f"{type(self).__name__} must define tune()")
+
     def begin_frame(self, start: float, end: float) -> None:
         """Bring live values up to date for the frame from `start` to `end` [s]."""

@@ -1,6 +1,6 @@
 """Penalty contact of particles with colliders: spring, dashpot and Coulomb friction (workshop, "Collisions")."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, sqrt
 from typing import Any
 
@@ -55,8 +55,8 @@ class PenaltyContact(ParticleForce):
             else:
                 groups.append(Group(collider.signed_distance, int(end - count), int(end)))
         self.groups = tuple(groups)
-        # The viscous part of friction may be as stiff as the contact spring is, no stiffer: see rates().
-        self.grip = sqrt(scene.contact.stiffness * float(particles.body.mass.min()))
+        self.rubs = scene.contact.friction > 0.0
+        self.law = particles.memory.table(self.title, "law", np.array([self._law()]))
         self.rows = particles.memory.table(self.title, "surfaces", self._rows(0.0, scene.solver.frame_dt))
         self.moving = not np.array_equal(self._rows(0.0, 1.0), self._rows(1.0, 2.0)) or any(
             np.any(row[3:6]) for row in self._rows(0.0, 1.0)
@@ -65,6 +65,22 @@ class PenaltyContact(ParticleForce):
     @classmethod
     def made_for(cls, scene, particles):
         return [cls(scene, particles)] if scene.collider and scene.contact.stiffness > 0.0 else []
+
+    @property
+    def grip(self):
+        """The viscous part of friction [N·s/m], which may be as stiff as the contact spring is: see rates()."""
+        return sqrt(self.contact.stiffness * float(self.particles.body.mass.min()))
+
+    def _law(self):
+        return self.contact.stiffness, self.contact.damping, self.contact.friction, self.grip
+
+    def tuning(self):
+        numbers = {"contact_stiffness": self.contact.stiffness, "contact_damping": self.contact.damping}
+        return numbers | ({"friction": self.contact.friction} if self.rubs else {})
+
+    def tune(self, name, value):
+        self.contact = replace(self.contact, **{name.removeprefix("contact_"): float(value)})
+        self.law.from_numpy(np.array([self._law()], self.particles.memory.number))
 
     @staticmethod
     def _sorted(colliders):
@@ -87,7 +103,7 @@ class PenaltyContact(ParticleForce):
 
     @ti.func
     def on(self, i, x, v, t):
-        force = ti.Vector([0.0, 0.0, 0.0])
+        force, law = ti.Vector([0.0, 0.0, 0.0]), self.law[0]
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
                 touch = self.touch(group.signed_distance, r, i, x, t)
@@ -95,10 +111,10 @@ class PenaltyContact(ParticleForce):
                     n = ti.Vector([touch[0], touch[1], touch[2]])
                     relative = v[i] - ti.Vector([self.rows[r][3], self.rows[r][4], self.rows[r][5]])
                     speed = relative.dot(n)
-                    pressed = pressure(-touch[3], speed, self.contact.stiffness, self.contact.damping)
+                    pressed = pressure(-touch[3], speed, law[0], law[1])
                     force += pressed * n
-                    if ti.static(self.contact.friction > 0.0):
-                        force += rub(pressed, relative - speed * n, self.contact.friction, self.grip)
+                    if ti.static(self.rubs):
+                        force += rub(pressed, relative - speed * n, law[2], law[3])
         return force
 
     @ti.func
@@ -124,7 +140,7 @@ class PenaltyContact(ParticleForce):
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
                 depth = ti.max(0.0, -self.touch(group.signed_distance, r, i, x, t)[3])
-                total += 0.5 * self.contact.stiffness * depth * depth
+                total += 0.5 * self.law[0][0] * depth * depth
         return total
 
     def rates(self):
@@ -137,7 +153,7 @@ class PenaltyContact(ParticleForce):
         return Rates(
             squared_frequency=together * k * hypot(1.0, self.contact.friction) * inverse_mass,
             damping=together * max(c, sideways) * inverse_mass,
-            damping_time=c / k,
+            damping_time=c / k if k > 0.0 else np.inf,
         )
 
     def _most_at_once(self):

@@ -12,12 +12,19 @@ class Gravity(ParticleForce):
     energy_kind = "gravity"
 
     def __init__(self, particles, acceleration):
-        self.particles = particles
+        self.particles, self.acceleration = particles, tuple(acceleration)
         self.g = particles.memory.table(self.title, "g", np.array([acceleration], float))
 
     @classmethod
     def made_for(cls, scene, particles):
         return [cls(particles, scene.gravity)] if any(scene.gravity) else []
+
+    def tuning(self):
+        return {"gravity": self.acceleration}
+
+    def tune(self, name, value):
+        self.acceleration = tuple(map(float, value))
+        self.g.from_numpy(np.array([self.acceleration], self.particles.memory.number))
 
     @ti.func
     def on(self, i, x, v, t):

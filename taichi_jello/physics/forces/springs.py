@@ -1,5 +1,7 @@
 """Hooke's force with a dashpot along the spring (workshop Eq. 3 and 4), gathered by each particle."""
 
+from functools import cached_property
+
 import numpy as np
 import taichi as ti
 
@@ -36,7 +38,8 @@ class Springs(ParticleForce):
         # A distance too small to show beside any other makes a spring of no length push along its rest direction.
         tiny = 1e-15 if memory.owner.precision == "f32" else 1e-100
         packed.materials[:, 3:] *= tiny
-        self.body = body
+        self.body, self.number, self.scales = body, memory.number, {"stiffness": 1.0, "damping": 1.0}
+        self.written = packed.materials
         self.damped = self.reads_velocity = bool(body.damping.any())
         self.lanes, self.Lanes = memory.lanes, memory.lane_vector
         for name in ("start", "entries", "materials"):
@@ -87,7 +90,26 @@ class Springs(ParticleForce):
                 total += 0.25 * m[0] * stretch * stretch
         return total
 
+    def tuning(self):
+        return dict(self.scales) if self.damped else {"stiffness": self.scales["stiffness"]}
+
+    def tune(self, name, value):
+        """Scale all stiffnesses, or all dampings, of the scene by `value`."""
+        self.scales[name] = float(value)
+        scaled = self.written.copy()
+        scaled[:, 0] *= self.scales["stiffness"]
+        scaled[:, 2] *= self.scales["damping"]
+        self.materials.from_numpy(scaled.astype(self.number))
+
     def rates(self):
+        """The rates of the scene's own springs, scaled as these are."""
+        stiffness, damping = self.scales["stiffness"], self.scales["damping"]
+        own = self.own_rates
+        time = own.damping_time * damping / stiffness if stiffness > 0.0 else np.inf
+        return Rates(own.squared_frequency * stiffness, own.damping * damping, time)
+
+    @cached_property
+    def own_rates(self):
         """For every configuration a spring's stiffness matrix is at most k I and its damping matrix at most c I, so
         the weighted graph Laplacians of the network bound both."""
         body = self.body

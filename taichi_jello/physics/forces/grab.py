@@ -1,0 +1,136 @@
+"""A hand that holds one point of a jello's surface by a damped spring and pulls it along."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.physics.forces._base import ParticleForce, Rates
+from taichi_jello.scene import Force, number
+
+FIRMNESS = 4.0  # of the hand's spring, in typical springs of the body
+REACH = 0.5  # of the body's size by which typical springs must stretch to pull as hard as the hand can
+LIFT = 4.0  # the hand can hold at least this many times the weight of all
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grab(Force):
+    """Lets a hand take hold of the scene's jellos: see Simulation.grab. stiffness [N/m] of the hand's spring and the
+    `limit` [N] of its pull; zero: chosen to suit the body."""
+
+    key: ClassVar[str] = "grab"
+    stiffness: float = 0.0
+    limit: float = 0.0
+
+    def check(self):
+        return {name: number(name, getattr(self, name), low=0.0) for name in ("stiffness", "limit")}
+
+
+@dataclass(frozen=True)
+class Held:
+    """What the hand holds: the point Σ weights[k] x[particles[k]], which is at `point` (3,) [m]; `target` (3,) [m],
+    where the hand is; `force` (3,) [N] of its pull."""
+
+    particles: np.ndarray
+    weights: np.ndarray
+    target: np.ndarray
+    point: np.ndarray
+    force: np.ndarray
+
+
+@ti.data_oriented
+class Hand(ParticleForce):
+    """F = k (target - p) + c (w - u) on the held point p that moves at u while the hand moves at w, never more than the
+    limit; each of its up to three particles gets F times its weight. c is critical for a single particle at p."""
+
+    title = "grab"
+    reads_velocity = True
+
+    def __init__(self, grab, particles, gravity):
+        body = particles.body
+        typical = float(np.median(body.stiffness)) if len(body.springs) else 100.0 * float(body.mass.sum())
+        size = float(np.ptp(body.x, axis=0).max()) or 1.0
+        weight = float(body.mass.sum()) * (float(np.linalg.norm(gravity)) or 9.81)
+        self.least_mass = float(body.mass.min())
+        self.stiffness = grab.stiffness or FIRMNESS * typical
+        self.damping = 2.0 * float(np.sqrt(self.stiffness * self.least_mass))
+        self.limit = grab.limit or max(REACH * typical * size, LIFT * weight)
+        self.number = particles.memory.number
+        self.held = particles.memory.table(self.title, "particles", np.full((1, 3), -1, np.int32))
+        # Rows: the weights, the hand's place when the frame begins [m], its velocity [m/s].
+        self.hand = particles.memory.table(self.title, "hand", np.zeros((3, 3)))
+        self.particles, self.weights = np.full(3, -1, np.int32), np.zeros(3)
+        self.target = self._from = self._to = np.zeros(3)
+        self._frame, self._changed = -1.0, True
+
+    @classmethod
+    def made_for(cls, scene, particles):
+        return [cls(force, particles, scene.gravity) for force in scene.force if isinstance(force, Grab)]
+
+    @property
+    def holds(self) -> bool:
+        return bool(self.particles[0] >= 0)
+
+    def take(self, particles, weights, target):
+        """Hold Σ weights x of the given particles from the next frame on."""
+        self.particles, self.weights = np.full(3, -1, np.int32), np.zeros(3)
+        self.particles[: len(particles)], self.weights[: len(weights)] = particles, weights
+        self.target = self._from = self._to = np.array(target, float)
+        self._changed = True
+
+    def let_go(self):
+        self.particles, self._changed = np.full(3, -1, np.int32), True
+
+    def begin_frame(self, start, end):
+        """The hand moves evenly from its target of the frame before to that of this one."""
+        if start != self._frame:
+            self._from, self._frame = self._to, start
+        self._to = self.target
+        if self._changed or self.holds:
+            rows = np.stack([self.weights, self._from, (self._to - self._from) / (end - start)])
+            self.held.from_numpy(self.particles[None])
+            self.hand.from_numpy(rows.astype(self.number))
+            self._changed = False
+
+    @ti.func
+    def pull(self, x, v, t):
+        """The force [N] on the held point."""
+        weights, who = self.hand[0], self.held[0]
+        p, u = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+        for k in ti.static(range(3)):
+            if who[k] >= 0:
+                p += weights[k] * x[who[k]]
+                u += weights[k] * v[who[k]]
+        place, velocity = self.hand[1] + t * self.hand[2], self.hand[2]
+        force = self.stiffness * (place - p) + self.damping * (velocity - u)
+        return force * ti.min(1.0, self.limit / (force.norm() + 1e-20))
+
+    @ti.func
+    def on(self, i, x, v, t):
+        who = self.held[0]
+        share = ti.cast(0.0, float)
+        for k in ti.static(range(3)):
+            if i == who[k]:
+                share += self.hand[0][k]
+        force = ti.Vector([0.0, 0.0, 0.0])
+        if share > 0.0:
+            force = share * self.pull(x, v, t)
+        return force
+
+    def rates(self):
+        """The point's stiffness k Σw² is at most k, on particles of at least the least mass."""
+        return Rates(
+            squared_frequency=self.stiffness / self.least_mass,
+            damping=self.damping / self.least_mass,
+            damping_time=self.damping / self.stiffness,
+        )
+
+    def now(self, x: np.ndarray, v: np.ndarray) -> Held:
+        """What is held, with the particles at x (N, 3) [m] and moving at v (N, 3) [m/s]."""
+        some = self.particles >= 0
+        who, weights = self.particles[some], self.weights[some]
+        point, speed = weights @ x[who], weights @ v[who]
+        force = self.stiffness * (self.target - point) - self.damping * speed
+        force = force * min(1.0, self.limit / (float(np.linalg.norm(force)) + 1e-20))
+        return Held(who, weights, self.target, point, force)

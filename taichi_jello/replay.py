@@ -1,0 +1,131 @@
+"""Recorded play: what a person did to a simulation, frame by frame, in a small file, and the same again to the bit.
+
+The file holds one JSON object a line: first what was played, then every call with the number of frames before it.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from taichi_jello.scene import Scene
+from taichi_jello.simulation import Simulation
+
+FORMAT = 1
+CALLS = ("grab", "move_grab", "release", "push", "tune", "change_method", "reset")
+
+
+class ReplayError(ValueError):
+    """A file that is no recorded play, or one of another scene or of other settings."""
+
+
+def fingerprint(scene: Scene) -> str:
+    """Short and different for scenes that differ in anything but their camera."""
+    parts = {name: value for name, value in vars(scene).items() if name not in ("camera", "seconds", "title")}
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+
+
+def header(simulation: Simulation) -> dict[str, Any]:
+    """What must be the same for a replay to give the same bits."""
+    owner = simulation.system.owner
+    return {
+        "jello_play": FORMAT,
+        "scene": fingerprint(simulation.scene),
+        "method": simulation.method,
+        "substeps": simulation.substeps,
+        "precision": owner.precision,
+        "arch": owner.arch,
+    }
+
+
+def _plain(value: Any) -> Any:
+    return np.asarray(value).tolist() if not isinstance(value, (str, dict)) else value
+
+
+class Recorded:
+    """A simulation whose frames are counted and whose CALLS are written to a file as they are made; else the same.
+
+    Every line is whole when it is written, so that a play that is killed can still be replayed up to there."""
+
+    def __init__(self, simulation: Simulation, path: Path):
+        self.simulation, self.frames = simulation, 0
+        self._file: TextIO = path.open("w", encoding="utf-8")
+        self._write(header(simulation))
+
+    def _write(self, line: dict[str, Any]) -> None:
+        self._file.write(json.dumps(line) + "\n")
+        self._file.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self.simulation, name)
+        if name not in CALLS:
+            return found
+
+        def call(*arguments: Any, **named: Any) -> Any:
+            done = found(*arguments, **named)  # a call that is refused leaves no trace
+            packed = {key: _plain(value) for key, value in named.items()}
+            self._write({"frame": self.frames, "call": name, "with": [_plain(a) for a in arguments], "named": packed})
+            return done
+
+        return call
+
+    def frame(self) -> None:
+        self.simulation.frame()
+        self.frames += 1
+
+    def close(self) -> None:
+        """Note how long the play was."""
+        if not self._file.closed:
+            self._write({"frame": self.frames, "call": "end"})
+            self._file.close()
+
+
+class Replay:
+    """The calls of a recorded play, to be made again on a simulation of the same scene and settings.
+
+    Raises ReplayError, naming the line, for a file that is no recorded play."""
+
+    def __init__(self, path: Path):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        try:
+            self.header = json.loads(lines[0])
+            known = self.header["jello_play"] == FORMAT
+        except (IndexError, ValueError, KeyError, TypeError):
+            raise ReplayError(f"{path}: expected a recorded play of `jello play --log`") from None
+        if not known:
+            raise ReplayError(f"{path}: expected format {FORMAT}, got {self.header['jello_play']}; record it again")
+        self.path = path
+        self.calls = [self._call(number, line) for number, line in enumerate(lines[1:], 2)]
+        self.frames = max((call["frame"] for call in self.calls), default=0)
+
+    def _call(self, number: int, line: str) -> dict[str, Any]:
+        try:
+            call = json.loads(line)
+            if isinstance(call["frame"], int) and call["call"] in (*CALLS, "end"):
+                return {"with": [], "named": {}} | call
+        except (ValueError, KeyError, TypeError):
+            pass
+        raise ReplayError(f"{self.path}: line {number}: expected a call of a recorded play")
+
+    def check(self, simulation: Simulation) -> None:
+        """Raise ReplayError if the simulation is not the one that was played."""
+        for name, mine in header(simulation).items():
+            if self.header.get(name) != mine:
+                told = "another scene" if name == "scene" else f"{name} {self.header.get(name)!r}, this is {mine!r}"
+                raise ReplayError(f"{self.path}: was played with {told}")
+
+    def play(self, simulation: Simulation) -> Iterator[int]:
+        """Replay on a simulation that has just been made; yields the number of frames done after each."""
+        self.check(simulation)
+        waiting = iter(sorted(self.calls, key=lambda call: call["frame"]))
+        call = next(waiting, None)
+        for frame in range(self.frames):
+            while call is not None and call["frame"] <= frame:
+                if call["call"] != "end":
+                    getattr(simulation, call["call"])(*call["with"], **call["named"])
+                call = next(waiting, None)
+            simulation.frame()
+            yield frame + 1

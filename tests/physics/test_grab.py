@@ -1,0 +1,99 @@
+"""The hand: where it holds a jello, how hard it pulls, and that no pull breaks anything."""
+
+import numpy as np
+import pytest
+
+from taichi_jello import Box, Grab, Plane, Scene, Simulation
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi(precision):
+    return precision
+
+
+def test_a_held_weight_hangs_below_the_hand_by_its_weight(epsilon):
+    """One point of 1 kg: k (target - x) = m g, and nothing moves (closed answer)."""
+    simulation = Simulation(Scene(jello=[Box(points=(1, 1, 1))], force=[Grab(stiffness=500.0)]))
+    simulation.grab([0], [1.0], (0.0, 0.0, 0.0))
+    simulation.advance(3.0)
+    assert simulation.x[0] == pytest.approx([0.0, -9.81 / 500.0, 0.0], abs=1e-5)
+    assert simulation.held.force == pytest.approx([0.0, 9.81, 0.0], abs=500.0 * 1e-5)
+
+
+def test_a_single_particle_follows_critically_damped(epsilon):
+    """x'' = -ω²(x - d) - 2ωx' from rest: x = d (1 - (1 + ωt) e^(-ωt)); the hand jumps before the first frame."""
+    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[Box(points=(1, 1, 1))], force=[Grab(stiffness=400.0, limit=1e3)])
+    simulation = Simulation(scene, dt=1e-4)
+    simulation.grab([0], [1.0], (0.1, 0.0, 0.0))
+    for _ in range(12):
+        simulation.frame()
+        wt = 20.0 * simulation.time
+        # RK4 at ωh = 0.002 errs by less than rounding, which adds up over the steps.
+        assert simulation.x[0, 0] == pytest.approx(0.1 * (1.0 - (1.0 + wt) * np.exp(-wt)), abs=2000 * epsilon * 0.1)
+
+
+def test_the_pull_is_shared_by_weight_and_limited():
+    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[Box(points=(2, 2, 2))], force=[Grab(stiffness=100.0, limit=3.0)])
+    simulation = Simulation(scene, substeps=200)
+    weights = np.array([0.5, 0.3, 0.2])
+    simulation.grab([0, 1, 2], weights, weights @ simulation.x[:3] + [0.0, 50.0, 0.0])
+    start = simulation.snapshot()
+    simulation.step(1)
+    pulled = simulation.v - start.v
+    assert pulled[:3, 1] / pulled[:3, 1].sum() == pytest.approx(weights, rel=1e-3)
+    assert np.linalg.norm(simulation.held.force) == pytest.approx(3.0)
+    assert pulled[:, 1].sum() * 0.125 == pytest.approx(3.0 * simulation.dt, rel=1e-3)
+    simulation.release()
+    before = simulation.body.mass @ simulation.v
+    simulation.step(400)
+    assert simulation.held is None
+    assert simulation.body.mass @ simulation.v == pytest.approx(before, rel=1e-4, abs=1e-7)  # thrown: momentum stays
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 200.0, 1e5])
+def test_no_pull_breaks_a_jello(stiffness):
+    """Wild hands for two seconds: the hand's stiffness counts in the safe step, so numbers stay finite and small."""
+    box = Box(points=(4, 4, 4), position=(0.0, 0.5, 0.0), stiffness=stiffness)
+    simulation = Simulation(Scene(jello=[box], collider=[Plane()], force=[Grab()]))
+    hands = np.random.default_rng(0)
+    simulation.grab([63], [1.0], simulation.x[63])
+    for frame in range(120):
+        simulation.move_grab(hands.uniform(-4.0, 4.0, 3))
+        if frame % 30 == 29:
+            who = int(hands.integers(64))
+            simulation.grab([who], [1.0], simulation.x[who])
+        simulation.frame()
+    assert np.abs(simulation.x).max() < 20.0
+
+
+def test_without_a_grab_there_is_no_hand():
+    simulation = Simulation(Scene(jello=[Box(points=(2, 2, 2))]))
+    assert simulation.held is None and not any(owner == "grab" for owner, *_ in simulation.system.memory.fields)
+    with pytest.raises(ValueError, match="no Grab"):
+        simulation.grab([0], [1.0], (0.0, 0.0, 0.0))
+
+
+def test_tuning_changes_forces_and_the_safe_step():
+    """Four times the stiffness, half the undamped step; free fall under the new gravity at once."""
+    box = Box(points=(3, 3, 3), damping=0.0)
+    simulation = Simulation(Scene(jello=[box]), method="symplectic-euler")
+    before = simulation.safe_dt
+    simulation.tune(stiffness=4.0, gravity=(0.0, 3.0, 0.0))
+    assert simulation.safe_dt == pytest.approx(before / 2.0, rel=1e-6) and simulation.dt <= simulation.safe_dt
+    simulation.frame()
+    assert simulation.body.mass @ simulation.v == pytest.approx([0.0, 3.0 * simulation.frame_dt, 0.0], rel=1e-4)
+    with pytest.raises(ValueError, match="friction: expected one of"):
+        simulation.tune(friction=0.5)
+
+
+def test_tuned_is_the_same_as_made_so():
+    """A scene tuned to other numbers goes on as one that was made with them."""
+    place = {"points": (3, 3, 3), "position": (0.0, 0.45, 0.0)}
+    made = Scene(jello=[Box(stiffness=600.0, damping=0.5, **place)], collider=[Plane()])
+    tuned = Scene(jello=[Box(stiffness=200.0, damping=0.25, **place)], collider=[Plane()])
+    one, two = Simulation(made), Simulation(tuned)
+    two.tune(stiffness=3.0, damping=2.0)
+    assert two.dt == one.dt
+    one.advance(0.3)
+    two.advance(0.3)
+    assert np.array_equal(one.x, two.x)

@@ -1,0 +1,84 @@
+"""A play that was recorded gives the same bits again, and a file that is none says so."""
+
+import json
+
+import numpy as np
+import pytest
+
+from taichi_jello import Box, Grab, Plane, Scene, Simulation
+from taichi_jello.replay import Recorded, Replay, ReplayError
+
+SCENE = Scene(jello=[Box(points=(4, 4, 4), position=(0.0, 0.8, 0.0))], collider=[Plane()], force=[Grab()])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi(best_precision):
+    return best_precision
+
+
+def play(simulation):
+    """Everything a person can do, some of it twice."""
+    for frame in range(40):
+        if frame == 5:
+            simulation.grab([3, 7, 12], [0.2, 0.5, 0.3], [0.1, 1.0, 0.0])
+        if 5 < frame < 15:
+            simulation.move_grab([0.1, 1.0 + 0.05 * frame, 0.02 * frame])
+        if frame == 15:
+            simulation.release()
+            simulation.push((0.5, 1.0, 0.0), 0)
+        if frame == 20:
+            simulation.tune(stiffness=3.0, gravity=(0.0, 2.0, 0.0), friction=0.1)
+        if frame == 25:
+            simulation.change_method("symplectic-euler")
+        if frame == 30:
+            simulation.reset()
+            simulation.grab([0], [1.0], np.array([0.0, 2.0, 0.0]))
+        simulation.frame()
+
+
+def test_replay_gives_the_same_bits(tmp_path):
+    first = Recorded(Simulation(SCENE), tmp_path / "play.jsonl")
+    play(first)
+    first.energies()  # looking changes nothing
+    first.close()
+    again = Simulation(SCENE)
+    replay = Replay(tmp_path / "play.jsonl")
+    assert list(replay.play(again)) == list(range(1, 41))
+    assert np.array_equal(first.x, again.x) and np.array_equal(first.v, again.v) and again.time == first.time
+
+
+def test_a_play_that_was_killed_replays_up_to_its_last_call(tmp_path):
+    first = Recorded(Simulation(SCENE), tmp_path / "play.jsonl")
+    play(first)
+    assert Replay(tmp_path / "play.jsonl").frames == 30
+
+
+def test_refused_calls_leave_no_trace(tmp_path):
+    recorded = Recorded(Simulation(SCENE), tmp_path / "play.jsonl")
+    with pytest.raises(ValueError, match="stiffness: expected"):
+        recorded.tune(stiffness=-1.0)
+    with pytest.raises(ValueError, match="particles: expected 1 to 3"):
+        recorded.grab([99], [1.0], (0.0, 0.0, 0.0))
+    recorded.close()
+    assert [call["call"] for call in Replay(tmp_path / "play.jsonl").calls] == ["end"]
+
+
+def test_files_that_are_no_play_of_this_scene(tmp_path):
+    path = tmp_path / "play.jsonl"
+    for text, words in (
+        ("", "expected a recorded play"),
+        ("[1, 2]\n", "expected a recorded play"),
+        ('{"jello_play": 99}\n', "expected format 1, got 99"),
+        ('{"jello_play": 1}\n{"frame": 0, "call": "explode"}\n', "line 2: expected a call"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ReplayError, match=words):
+            Replay(path)
+    recorded = Recorded(Simulation(SCENE), path)
+    recorded.close()
+    other = Scene(jello=[Box(points=(4, 4, 4), position=(0.0, 0.9, 0.0))], collider=[Plane()], force=[Grab()])
+    with pytest.raises(ReplayError, match="another scene"):
+        next(Replay(path).play(Simulation(other)))
+    with pytest.raises(ReplayError, match="method 'rk4', this is 'verlet'"):
+        Replay(path).check(Simulation(SCENE, method="verlet", dt=1e-3))
+    assert json.loads(path.read_text().splitlines()[0])["jello_play"] == 1
