@@ -117,6 +117,12 @@ def options() -> Parser:
     shot = add("shot", "one picture", [scene, drawing])
     shot.add_argument("-o", "--output", required=True, metavar="OUT.png")
     shot.add_argument("--at", type=not_negative, default=1.0, metavar="S", help="the moment, by default 1 s")
+    video = add("video", "a film, pictures of it or its skin as meshes", [scene, drawing])
+    video.add_argument("-o", "--output", required=True, metavar="OUT.mp4|.gif",
+                       help="or a file for each frame: name-%%04d.png, or .ply or .obj for the skin")  # fmt: skip
+    video.add_argument("--seconds", type=not_negative, metavar="S", help="how long to simulate")
+    video.add_argument("--fps", type=positive, metavar="N", help="frames a second: 60, or 25 for .gif")
+    video.add_argument("--speed", type=positive, default=1.0, metavar="X", help="0.25 is four times slower than life")
     explain = add("explain", "what a scene compiles in and leaves out, and where its step comes from", [scene])
     explain.add_argument("--json", metavar="FILE", help="write the facts there too")
     study = commands.add_parser("study", help="measurements", parents=[scene])
@@ -248,6 +254,34 @@ def do_shot(chosen: argparse.Namespace) -> None:
         simulation.advance(max(0.0, chosen.at - simulation.time))
     write_png(path, simulation.render(chosen.size, renderer=chosen.renderer))
     say(chosen, f"{path}: {simulation.scene.title} at {simulation.time:.4g} s")
+
+
+def do_video(chosen: argparse.Namespace) -> None:
+    from taichi_jello.film import Film, FilmProblem, Mesh
+    from taichi_jello.film.takes import Clock, Pictures, Skins
+
+    try:
+        film = Film(chosen.output, chosen.size, chosen.fps, keep=(KeyboardInterrupt, Diverged))
+    except FilmProblem as error:
+        raise Mistake(f"-o {chosen.output}: {error}") from None
+    path = output(chosen.output, film.path.suffix)
+    simulation = make_simulation(chosen, make_scene(chosen))
+    clock = Clock(simulation, film.rate, chosen.speed)
+    count = clock.frames(simulation.scene.seconds if chosen.seconds is None else chosen.seconds)
+    try:
+        camera = Skins(simulation) if film.takes is Mesh else Pictures(simulation, chosen.size, chosen.renderer)
+    except ValueError as error:
+        raise Mistake(f"-o {chosen.output}: {error}") from None
+    try:
+        with last_good_kept(simulation, path.with_name(f"{film.stem}.npz")), contextlib.closing(camera), film:
+            for k in bar(chosen, range(count), simulation.scene.title):
+                clock.go(k)
+                film.add(camera.take())
+    except (KeyboardInterrupt, Diverged):
+        told = f"{path} has the first {film.frames} of {count} frames" if film.kept else "no film is kept"
+        print(f"jello: stopped; {told}", file=sys.stderr)
+        raise
+    say(chosen, f"{path}: {film.frames} frames, {float(film.frames / film.rate):.4g} s")
 
 
 def do_play(chosen: argparse.Namespace) -> None:
