@@ -14,7 +14,9 @@ from typing import Any, NoReturn
 
 import taichi_jello.sceneio as sceneio
 from taichi_jello import runtime
+from taichi_jello.physics.forces.grab import Grab
 from taichi_jello.plugins import modules
+from taichi_jello.replay import Recorded, Replay, Replayed, ReplayError
 from taichi_jello.scene import COLORS, Scene, SceneError, override
 from taichi_jello.simulation import Diverged, Simulation
 from taichi_jello.trajectory import Trajectory, last_moment
@@ -96,6 +98,9 @@ def options() -> Parser:
     scene.add_argument("--from", metavar="STATE.npz", dest="from_state", help="start from the last moment there")
     scene.add_argument("--quiet", action="store_true", help="print nothing but errors and warnings")
 
+    replay = Parser(add_help=False)
+    replay.add_argument("--replay", metavar="FILE", help="do again what a play recorded with --log")
+
     drawing = Parser(add_help=False)
     drawing.add_argument("--size", type=picture_size, default=(1280, 720), metavar="WxH")
     drawing.add_argument("--color", choices=COLORS, help="what the springs' colour shows")
@@ -107,17 +112,18 @@ def options() -> Parser:
             command.add_argument("scene", metavar="SCENE", help="a demo's name, a .py or a .toml", **default_scene)
         return command
 
-    play = add("play", "the interactive window", [scene, drawing], nargs="?", default="cube")
+    play = add("play", "the interactive window", [scene, drawing, replay], nargs="?", default="cube")
     play.add_argument("--seconds", type=not_negative, metavar="S", help="close the window after that long")
+    play.add_argument("--log", metavar="FILE", help="record what is done in the window, for --replay")
     add("list", "the demos, one line each", [])
-    run = add("run", "headless physics, written as NPZ", [scene])
+    run = add("run", "headless physics, written as NPZ", [scene, replay])
     run.add_argument("-o", "--output", required=True, metavar="OUT.npz")
     run.add_argument("--seconds", type=not_negative, metavar="S", help="how long to simulate")
     run.add_argument("--every", type=positive, metavar="S", help="time between saved moments, by default a frame")
-    shot = add("shot", "one picture", [scene, drawing])
+    shot = add("shot", "one picture", [scene, drawing, replay])
     shot.add_argument("-o", "--output", required=True, metavar="OUT.png")
     shot.add_argument("--at", type=not_negative, default=1.0, metavar="S", help="the moment, by default 1 s")
-    video = add("video", "a film, pictures of it or its skin as meshes", [scene, drawing])
+    video = add("video", "a film, pictures of it or its skin as meshes", [scene, drawing, replay])
     video.add_argument("-o", "--output", required=True, metavar="OUT.mp4|.gif",
                        help="or a file for each frame: name-%%04d.png, or .ply or .obj for the skin")  # fmt: skip
     video.add_argument("--seconds", type=not_negative, metavar="S", help="how long to simulate")
@@ -153,6 +159,8 @@ def make_scene(chosen: argparse.Namespace) -> Scene:
 
 
 def make_simulation(chosen: argparse.Namespace, scene: Scene) -> Simulation:
+    if getattr(chosen, "replay", None) and chosen.from_state:
+        raise Mistake("--from: a replay begins where its play began; give one of --from and --replay")
     runtime.start(chosen.arch, chosen.precision, chosen.threads)
     try:
         simulation = Simulation(scene, method=chosen.method, dt=chosen.dt, substeps=chosen.substeps)
@@ -166,6 +174,28 @@ def make_simulation(chosen: argparse.Namespace, scene: Scene) -> Simulation:
         except ValueError as error:
             raise Mistake(f"--from {chosen.from_state}: {error}") from None
     return simulation
+
+
+def by_hand(scene: Scene) -> Scene:
+    """The scene with a hand that can grab its jellos."""
+    return scene if any(isinstance(f, Grab) for f in scene.force) else replace(scene, force=(*scene.force, Grab()))
+
+
+def make_run(chosen: argparse.Namespace, scene: Scene) -> tuple[Any, Simulation, float]:
+    """What is to be stepped, what is to be looked at, and how long [s]: the scene's simulation, or with --replay the
+    one that repeats a play."""
+    if not chosen.replay:
+        simulation = make_simulation(chosen, scene)
+        return simulation, simulation, scene.seconds
+    path = Path(chosen.replay)
+    try:
+        replay = Replay(path)
+        replayed = Replayed(make_simulation(chosen, by_hand(scene)), replay)
+        return replayed, replayed.simulation, replayed.length * replayed.dt
+    except OSError as error:
+        raise Mistake(f"--replay {path}: {error.strerror or error}") from None
+    except (ReplayError, UnicodeDecodeError) as error:
+        raise Mistake(f"--replay {error}") from None
 
 
 def output(name: str, suffix: str) -> Path:
@@ -211,15 +241,15 @@ def do_list(chosen: argparse.Namespace) -> None:
 def do_run(chosen: argparse.Namespace) -> None:
     path = output(chosen.output, ".npz")
     scene = make_scene(chosen)
-    simulation = make_simulation(chosen, scene)
+    stepped, simulation, seconds = make_run(chosen, scene)
     trajectory = Trajectory(simulation)
-    seconds = scene.seconds if chosen.seconds is None else chosen.seconds
-    per_save = max(1, round((chosen.every or simulation.frame_dt) / simulation.dt))
-    total = round(seconds / simulation.dt)
+    seconds = seconds if chosen.seconds is None else chosen.seconds
+    per_save = max(1, round((chosen.every or simulation.frame_dt) / stepped.dt))
+    total = round(seconds / stepped.dt)
     trajectory.add()
     try:
         for done in bar(chosen, range(0, total, per_save), scene.title):
-            simulation.step(min(per_save, total - done))
+            stepped.step(min(per_save, total - done))
             trajectory.add()
     except Diverged:
         trajectory.add()
@@ -249,9 +279,9 @@ def do_shot(chosen: argparse.Namespace) -> None:
     from taichi_jello.record import write_png
 
     path = output(chosen.output, ".png")
-    simulation = make_simulation(chosen, make_scene(chosen))
+    stepped, simulation, _ = make_run(chosen, make_scene(chosen))
     with last_good_kept(simulation, path):
-        simulation.advance(max(0.0, chosen.at - simulation.time))
+        stepped.advance(max(0.0, chosen.at - simulation.time))
     write_png(path, simulation.render(chosen.size, renderer=chosen.renderer))
     say(chosen, f"{path}: {simulation.scene.title} at {simulation.time:.4g} s")
 
@@ -265,9 +295,9 @@ def do_video(chosen: argparse.Namespace) -> None:
     except FilmProblem as error:
         raise Mistake(f"-o {chosen.output}: {error}") from None
     path = output(chosen.output, film.path.suffix)
-    simulation = make_simulation(chosen, make_scene(chosen))
-    clock = Clock(simulation, film.rate, chosen.speed)
-    count = clock.frames(simulation.scene.seconds if chosen.seconds is None else chosen.seconds)
+    stepped, simulation, seconds = make_run(chosen, make_scene(chosen))
+    clock = Clock(stepped, film.rate, chosen.speed)
+    count = clock.frames(seconds if chosen.seconds is None else chosen.seconds)
     try:
         camera = Skins(simulation) if film.takes is Mesh else Pictures(simulation, chosen.size, chosen.renderer)
     except ValueError as error:
@@ -284,21 +314,37 @@ def do_video(chosen: argparse.Namespace) -> None:
     say(chosen, f"{path}: {film.frames} frames, {float(film.frames / film.rate):.4g} s")
 
 
+def play_in_window(chosen: argparse.Namespace) -> None:
+    from taichi_jello.view.viewer import play
+
+    stepped, simulation, _ = make_run(chosen, by_hand(make_scene(chosen)))
+    if not chosen.log:
+        play(stepped, size=chosen.size, seconds=chosen.seconds)
+        return
+    try:
+        recorded = Recorded(simulation, Path(chosen.log))
+    except OSError as error:
+        raise Mistake(f"--log {chosen.log}: {error.strerror or error}") from None
+    with contextlib.closing(recorded):
+        play(recorded, size=chosen.size, seconds=chosen.seconds)
+    say(chosen, f"{chosen.log}: {recorded.frames} frames recorded")
+
+
 def do_play(chosen: argparse.Namespace) -> None:
     from taichi_jello.record import write_png
     from taichi_jello.view import film_strip, window_problem
 
+    if chosen.log and (chosen.replay or chosen.from_state):
+        raise Mistake("--log: a play is recorded from the scene's beginning; leave out --replay and --from")
     problem = "a window needs the renderer ggui" if chosen.renderer == "raster" else window_problem()
-    simulation = make_simulation(chosen, make_scene(chosen))
     if problem is None:
-        from taichi_jello.view.viewer import play
-
-        play(simulation, size=chosen.size, seconds=chosen.seconds)
+        play_in_window(chosen)
         return
+    stepped, simulation, _ = make_run(chosen, make_scene(chosen))
     path = output(f"{Path(chosen.scene).stem}.png", ".png")
     say(chosen, f"no window: {problem}; drawing offscreen instead")
     with last_good_kept(simulation, path):
-        strip = film_strip(simulation, chosen.size, renderer=chosen.renderer)
+        strip = film_strip(stepped, chosen.size, renderer=chosen.renderer)
     write_png(path, strip)
     print(path.resolve())
 

@@ -5,7 +5,6 @@ The file holds one JSON object a line: first what was played, then every call wi
 
 import hashlib
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -117,15 +116,46 @@ class Replay:
                 told = "another scene" if name == "scene" else f"{name} {self.header.get(name)!r}, this is {mine!r}"
                 raise ReplayError(f"{self.path}: was played with {told}")
 
-    def play(self, simulation: Simulation) -> Iterator[int]:
-        """Replay on a simulation that has just been made; yields the number of frames done after each."""
-        self.check(simulation)
-        waiting = iter(sorted(self.calls, key=lambda call: call["frame"]))
-        call = next(waiting, None)
-        for frame in range(self.frames):
-            while call is not None and call["frame"] <= frame:
-                if call["call"] != "end":
-                    getattr(simulation, call["call"])(*call["with"], **call["named"])
-                call = next(waiting, None)
-            simulation.frame()
-            yield frame + 1
+
+class Replayed:
+    """A simulation, just made, whose frames repeat a recorded play; else the same. One of the CALLS made by somebody
+    else ends the repeating: from there it is a new run. Raises ReplayError if the play was of another simulation."""
+
+    def __init__(self, simulation: Simulation, replay: Replay):
+        replay.check(simulation)
+        self.simulation, self.length = simulation, replay.frames
+        self.frames, self.repeating = 0, True
+        self._waiting = sorted(replay.calls, key=lambda call: call["frame"])
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self.simulation, name)
+        if name not in CALLS:
+            return found
+
+        def call(*arguments: Any, **named: Any) -> Any:
+            self.repeating = False
+            return found(*arguments, **named)
+
+        return call
+
+    def frame(self) -> None:
+        while self.repeating and self._waiting and self._waiting[0]["frame"] <= self.frames:
+            call = self._waiting.pop(0)
+            if call["call"] != "end":
+                getattr(self.simulation, call["call"])(*call["with"], **call["named"])
+        self.simulation.frame()
+        self.frames += 1
+        self.repeating = self.repeating and self.frames < self.length
+
+    @property
+    def dt(self) -> float:
+        """[s] A replay steps by whole frames."""
+        return float(self.simulation.frame_dt)
+
+    def step(self, count: int = 1) -> None:
+        """Go on by so many frames, but not beyond the play's end."""
+        for _ in range(min(count, self.length - self.frames)):
+            self.frame()
+
+    def advance(self, seconds: float) -> None:
+        self.step(round(seconds / self.dt))

@@ -1,12 +1,14 @@
 """A play that was recorded gives the same bits again, and a file that is none says so."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
-from taichi_jello import Box, Grab, Plane, Scene, Simulation
-from taichi_jello.replay import Recorded, Replay, ReplayError
+from taichi_jello import Box, Grab, Plane, Scene, Simulation, runtime
+from taichi_jello.replay import Recorded, Replay, Replayed, ReplayError
 
 SCENE = Scene(jello=[Box(points=(4, 4, 4), position=(0.0, 0.8, 0.0))], collider=[Plane()], force=[Grab()])
 
@@ -42,8 +44,11 @@ def test_replay_gives_the_same_bits(tmp_path):
     first.energies()  # looking changes nothing
     first.close()
     again = Simulation(SCENE)
-    replay = Replay(tmp_path / "play.jsonl")
-    assert list(replay.play(again)) == list(range(1, 41))
+    replayed = Replayed(again, Replay(tmp_path / "play.jsonl"))
+    replayed.step(17)
+    assert replayed.frames == 17 and replayed.repeating
+    replayed.advance(100.0)
+    assert replayed.frames == 40 and not replayed.repeating
     assert np.array_equal(first.x, again.x) and np.array_equal(first.v, again.v) and again.time == first.time
 
 
@@ -51,6 +56,19 @@ def test_a_play_that_was_killed_replays_up_to_its_last_call(tmp_path):
     first = Recorded(Simulation(SCENE), tmp_path / "play.jsonl")
     play(first)
     assert Replay(tmp_path / "play.jsonl").frames == 30
+
+
+def test_whoever_takes_the_mouse_begins_a_new_run(tmp_path):
+    first = Recorded(Simulation(SCENE), tmp_path / "play.jsonl")
+    play(first)
+    first.close()
+    replayed = Replayed(Simulation(SCENE), Replay(tmp_path / "play.jsonl"))
+    replayed.step(10)
+    assert replayed.held is not None and replayed.repeating
+    replayed.release()
+    for _ in range(10):
+        replayed.frame()
+    assert replayed.held is None and not replayed.repeating and replayed.tuning["stiffness"] == 1.0
 
 
 def test_refused_calls_leave_no_trace(tmp_path):
@@ -78,7 +96,50 @@ def test_files_that_are_no_play_of_this_scene(tmp_path):
     recorded.close()
     other = Scene(jello=[Box(points=(4, 4, 4), position=(0.0, 0.9, 0.0))], collider=[Plane()], force=[Grab()])
     with pytest.raises(ReplayError, match="another scene"):
-        next(Replay(path).play(Simulation(other)))
+        Replayed(Simulation(other), Replay(path))
     with pytest.raises(ReplayError, match="method 'rk4', this is 'verlet'"):
         Replay(path).check(Simulation(SCENE, method="verlet", dt=1e-3))
     assert json.loads(path.read_text().splitlines()[0])["jello_play"] == 1
+
+
+TOML = """
+[[jello]]
+shape = "box"
+points = [4, 4, 4]
+position = [0.0, 0.8, 0.0]
+[[collider]]
+type = "plane"
+"""
+
+
+def test_the_command_line_repeats_a_play(tmp_path, request):
+    """jello run --replay ends in the recorded bits; shot and video draw on the way; another scene is refused."""
+    (tmp_path / "scene.toml").write_text(TOML)
+    first = Recorded(Simulation(SCENE), tmp_path / "play.jsonl")
+    play(first)
+    first.close()
+
+    def jello(*words):
+        command = [sys.executable, "-m", "taichi_jello", words[0], "scene.toml", "--replay", "play.jsonl", *words[1:]]
+        options = ["--arch", runtime.current().arch, "--precision", runtime.current().precision]
+        return subprocess.run([*command, *options], cwd=tmp_path, capture_output=True, text=True)
+
+    done = jello("run", "-o", "out.npz", "--every", "0.1")
+    assert done.returncode == 0, done.stderr
+    with np.load(tmp_path / "out.npz") as out:
+        assert len(out["time"]) == 1 + 40 // 6 + 1
+        assert np.array_equal(out["x"][-1], first.x) and np.array_equal(out["v"][-1], first.v)
+    renderer = ["--renderer", "raster"] if runtime.current().on_cpu else []
+    assert jello("shot", "-o", "x.png", "--at", "0.3", "--size", "160x90", *renderer).returncode == 0
+    done = jello("video", "-o", "x-%02d.ply", "--fps", "10")
+    assert done.returncode == 0, done.stderr
+    assert len(list(tmp_path.glob("x-*.ply"))) == round(40 / 60 * 10)
+    for words, told in (
+        (["--set", "jello.0.stiffness=300"], "play.jsonl: was played with another scene"),
+        (["--from", "out.npz"], "give one of --from and --replay"),
+        (["--replay", "none.jsonl"], "--replay none.jsonl: No such file"),
+        (["--replay", "scene.toml"], "expected a recorded play"),
+    ):
+        done = jello("run", "-o", "no.npz", *words)
+        assert done.returncode == 2 and told in done.stderr and len(done.stderr.splitlines()) == 1, done.stderr
+    assert not (tmp_path / "no.npz").exists()

@@ -15,6 +15,7 @@ Pixels = ti.types.ndarray(dtype=ti.i64, ndim=2)
 Image = ti.types.ndarray(dtype=ti.u8, ndim=3)
 SLACK = 1e-4  # pixels by which a triangle is widened: rounding must leave no gap between neighbours
 LEVEL = 1.0 + 2e-6  # a skin this much behind what is there still counts as before it
+TILE = 16
 BAND = 8  # rows of the picture that one thread blends
 
 
@@ -213,16 +214,37 @@ def skin(pixels: Pixels, rgba: Array2, index: Index2, box: Index2, edge: Array2)
                             pixels[y, column] = pack(1.0 / near, old + (tint @ part - old) * clear.dot(part))
 
 
+@ti.func
+def mean_color(pixels: ti.template(), y, x, samples: ti.template()):
+    """Red, green and blue, 0 to 255, of a samples × samples block. Red and blue are summed together, 16 bits apart."""
+    outer, green = samples * samples // 2 * 0x10001, samples * samples // 2
+    for j, i in ti.static(ti.ndrange(samples, samples)):
+        color = ti.cast(pixels[y * samples + j, x * samples + i], ti.i32)
+        outer += color & 0xFF00FF
+        green += (color >> 8) & 0xFF
+    return ti.Vector([outer >> 16, green, outer & 0xFFFF]) // (samples * samples)
+
+
 @ti.kernel
 def resolve(pixels: Pixels, image: Image, samples: ti.template()):
-    """The mean of each samples × samples block. Red and blue are summed together, 16 bits apart."""
+    """The mean of each samples × samples block, rows downwards."""
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
-            outer, green = samples * samples // 2 * 0x10001, samples * samples // 2
-            for j, i in ti.static(ti.ndrange(samples, samples)):
-                color = ti.cast(pixels[y * samples + j, x * samples + i], ti.i32)
-                outer += color & 0xFF00FF
-                green += (color >> 8) & 0xFF
-            image[y, x, 0] = ti.cast((outer >> 16) // (samples * samples), ti.u8)
-            image[y, x, 1] = ti.cast(green // (samples * samples), ti.u8)
-            image[y, x, 2] = ti.cast((outer & 0xFFFF) // (samples * samples), ti.u8)
+            color = mean_color(pixels, y, x, samples)
+            for k in ti.static(range(3)):
+                image[y, x, k] = ti.cast(color[k], ti.u8)
+
+
+@ti.kernel
+def resolve_columns(pixels: Pixels, columns: ti.types.ndarray(dtype=ti.u32, ndim=2), samples: ti.template()):
+    """The same as GGUI shows pictures: columns first, upwards, a pixel's four bytes in one word.
+
+    Tile by tile: one of the two is always walked across its memory, and a tile stays in the cache."""
+    wide, high = (columns.shape[0] + TILE - 1) // TILE, (columns.shape[1] + TILE - 1) // TILE
+    ti.loop_config(block_dim=16)
+    for tile in range(wide * high):
+        left, top = tile % wide * TILE, tile // wide * TILE
+        for x in range(left, ti.min(left + TILE, columns.shape[0])):
+            for y in range(top, ti.min(top + TILE, columns.shape[1])):
+                color = ti.cast(mean_color(pixels, y, x, samples), ti.u32)
+                columns[x, columns.shape[1] - 1 - y] = color[0] | color[1] << 8 | color[2] << 16 | ti.u32(0xFF000000)

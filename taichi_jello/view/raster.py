@@ -60,6 +60,13 @@ class Raster:
         fill.resolve(self._pixels, self._image, self.samples)
         return self._image.copy()
 
+    def columns(self) -> np.ndarray:
+        """(width, height) uint32: what was drawn last as GGUI's canvas takes it, columns first and upwards."""
+        runtime.check(self._runtime)
+        columns = np.empty(self.size, np.uint32)
+        fill.resolve_columns(self._pixels, columns, self.samples)
+        return columns
+
     def close(self) -> None:
         """Let go of the picture's memory."""
         self._pixels = np.zeros((0, 0), np.int64)

@@ -179,3 +179,12 @@ def test_a_film_strip_shows_the_scene_from_beginning_to_end():
     assert strip.shape == (270, 480, 3) and simulation.time == pytest.approx(0.5, abs=1 / 60)
     tops = [box(reddish(tile))[1] for row in np.split(strip[:270], 2) for tile in np.split(row, 2, axis=1)]
     assert tops == sorted(tops, reverse=True) and tops[0] > tops[1]  # it rises 5 cm a frame
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_columns_are_the_picture_as_a_canvas_takes_it(samples, cube):
+    with opened("raster", samples) as renderer:
+        image = shot("raster", cube, renderer=renderer).astype(np.uint32)
+        columns = renderer.columns()
+    packed = image[..., 0] | image[..., 1] << 8 | image[..., 2] << 16 | np.uint32(255 << 24)
+    assert np.array_equal(columns, packed[::-1].T)
