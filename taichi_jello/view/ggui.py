@@ -5,7 +5,6 @@ import ctypes
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
 
 import numpy as np
 import taichi as ti
@@ -73,18 +72,6 @@ def _has_screen() -> bool:
     return True
 
 
-@contextlib.contextmanager
-def _elsewhere() -> Iterator[None]:
-    """GGUI leaves an imgui.ini in the directory it works in: lend it one that vanishes."""
-    here = os.getcwd()
-    with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)
-        try:
-            yield
-        finally:
-            os.chdir(here)
-
-
 def _vertices(x: np.ndarray, color: np.ndarray) -> np.ndarray:
     rows = np.empty((len(x), ROW), np.float32)
     rows[:, :3] = x
@@ -112,7 +99,9 @@ class Ggui:
 
     def _open(self) -> None:
         full = tuple(side * self.samples for side in self.size)
-        with _elsewhere():
+        # GGUI leaves an imgui.ini in the directory it works in, at the end and with a panel also on the way.
+        self._desk = tempfile.TemporaryDirectory()
+        with contextlib.chdir(self._desk.name):
             self.window = ti.ui.Window(self._title, full, vsync=self._shown, show_window=self._shown, pos=(0, 0))
         self.canvas = self.window.get_canvas()
         self._frames = 0
@@ -184,12 +173,18 @@ class Ggui:
         runtime.check(self._runtime)
         return shrink(self.window.get_image_buffer_as_numpy(), self.samples)
 
+    def show(self) -> None:
+        """Put what was drawn on the screen; the next picture begins."""
+        with contextlib.chdir(self._desk.name):
+            self.window.show()
+
     def close(self) -> None:
         """Destroy the window. Twice does no harm."""
         if self.window is not None:
-            with _elsewhere():
+            with contextlib.chdir(self._desk.name):
                 self.window.destroy()
             self.window = None
+            self._desk.cleanup()
 
 
 def _background() -> np.ndarray:

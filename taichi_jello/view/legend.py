@@ -1,11 +1,12 @@
 """What is written over a picture: the colour scale, the time, and in a window the state and the help.
 
 A `Sheet` holds one geometry in pixels, y down: `stamp` draws it into a finished image, a window draws its
-`lines` and `quads`.
+`quads` and `segments`.
 """
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +29,29 @@ class Text:
     y: float
     height: float
     rgb: tuple[float, float, float]
+    pen: float = PEN
+
+    @property
+    def width(self) -> float:
+        """Of its strokes [pixels]."""
+        return max(self.pen * self.height, 1.3)
+
+    def segments(self) -> np.ndarray:
+        """(n, 2, 2) [pixels]."""
+        return strokes(self.words, self.x, self.y, self.height)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A polyline through points (n, 2), `width` wide."""
+
+    points: np.ndarray
+    width: float
+    rgb: tuple[float, float, float]
+
+    def segments(self) -> np.ndarray:
+        """(n - 1, 2, 2) [pixels]."""
+        return np.stack([self.points[:-1], self.points[1:]], 1)
 
 
 @dataclass(frozen=True)
@@ -44,21 +68,29 @@ class Quad:
 
 @dataclass
 class Sheet:
-    """Text and rectangles for a picture of `size` (width, height) [pixels]; rectangles lie under the text."""
+    """Rectangles, under lines and text, for a picture of `size` (width, height) [pixels].
+
+    What is drawn with a wide pen lies under what is drawn with a narrow one."""
 
     size: tuple[int, int]
     texts: list[Text] = field(default_factory=list)
+    lines: list[Line] = field(default_factory=list)
     quads: list[Quad] = field(default_factory=list)
 
     @property
     def scale(self) -> float:
         return self.size[1] / ROWS
 
-    def text(self, words: str, x: float, y: float, height: float, rgb=palette.INK, align: float = 0.0) -> None:
-        """Write on the baseline y; align 0 starts at x, 1 ends there, 0.5 is centred."""
+    def text(
+        self, words: str, x: float, y: float, height: float, rgb=palette.INK, align: float = 0.0, pen: float = PEN
+    ) -> None:
+        """Write on the baseline y; align 0 starts at x, 1 ends there, 0.5 is centred. pen: width, of the height."""
         left = x - align * text_width(words, height)
-        red, green, blue = (float(c) for c in rgb)
-        self.texts.append(Text(words, left, y, height, (red, green, blue)))
+        self.texts.append(Text(words, left, y, height, _color(rgb), pen))
+
+    def line(self, points: np.ndarray, width: float, rgb=palette.INK) -> None:
+        """Draw through points (n, 2)."""
+        self.lines.append(Line(np.asarray(points, float), width, _color(rgb)))
 
     def quad(
         self,
@@ -75,8 +107,15 @@ class Sheet:
         """Draw into image (height, width, 3) uint8 in place."""
         for quad in self.quads:
             _fill(image, quad)
+        for line in sorted(self.lines, key=lambda line: -line.width):
+            _draw(image, line)
         for text in self.texts:
             _write(image, text)
+
+
+def _color(rgb: Any) -> tuple[float, float, float]:
+    red, green, blue = (float(c) for c in rgb)
+    return red, green, blue
 
 
 def _fill(image: np.ndarray, quad: Quad) -> None:
@@ -87,11 +126,19 @@ def _fill(image: np.ndarray, quad: Quad) -> None:
         image[y0:y1, x0:x1] = (255.0 * (quad.left + (quad.right - quad.left) * t) + 0.5).astype(np.uint8)
 
 
+def _draw(image: np.ndarray, line: Line) -> None:
+    ink, left, top = _ink(line.segments(), 0.5 * line.width)
+    _blend(image, ink, left, top, line.rgb)
+
+
 @lru_cache(maxsize=512)
-def _mask(words: str, height: float, shift: tuple[float, float]) -> tuple[np.ndarray, int, int]:
-    """How much ink covers each pixel of one piece of text, 0 to 1, and the column and row where it begins."""
-    segments = strokes(words, shift[0], shift[1], height)
-    half = max(0.5 * PEN * height, 0.55)
+def _mask(words: str, height: float, shift: tuple[float, float], pen: float) -> tuple[np.ndarray, int, int]:
+    """What `_ink` says of one piece of text."""
+    return _ink(strokes(words, shift[0], shift[1], height), max(0.5 * pen * height, 0.55))
+
+
+def _ink(segments: np.ndarray, half: float) -> tuple[np.ndarray, int, int]:
+    """How much ink covers each pixel, 0 to 1, for strokes 2 · half wide; the column and row where it begins."""
     if not len(segments):
         return np.zeros((0, 0)), 0, 0
     low = np.floor(segments.min((0, 1)) - half - 1.0).astype(int)
@@ -115,7 +162,7 @@ def _write(image: np.ndarray, text: Text) -> None:
     pen = text.x
     for character in text.words:
         column, row = int(np.floor(pen)), int(np.floor(text.y))
-        ink, left, top = _mask(character, text.height, (round(pen - column, 2), round(text.y - row, 2)))
+        ink, left, top = _mask(character, text.height, (round(pen - column, 2), round(text.y - row, 2)), text.pen)
         _blend(image, ink, column + left, row + top, text.rgb)
         pen += text_width(character + " ", text.height) - text_width(" ", text.height)
 

@@ -1,13 +1,15 @@
 """The window itself: GGUI's events turned into what a Viewer understands, and its sheet drawn over the
 picture."""
 
+from typing import Any
+
 import numpy as np
 import taichi as ti
 from taichi.ui.utils import get_field_info
 
 from taichi_jello.view.ggui import ROW, Ggui
-from taichi_jello.view.legend import PEN, Sheet, legend
-from taichi_jello.view.strokefont import strokes
+from taichi_jello.view.legend import Sheet, legend
+from taichi_jello.view.panel import Panel
 from taichi_jello.view.viewer import Viewer
 
 BUTTONS = {ti.ui.LMB: "left", ti.ui.RMB: "right", ti.ui.MMB: "middle"}
@@ -19,7 +21,7 @@ class Screen:
     def __init__(self, size: tuple[int, int], title: str):
         self._renderer = Ggui(size, samples=1, window=True, title=title)
         self._window = self._renderer.window
-        self._cursor: tuple[float, float] | None = None
+        self._panel = Panel(size)
 
     @property
     def running(self) -> bool:
@@ -27,31 +29,35 @@ class Screen:
         return bool(self._window.running)
 
     def listen(self, viewer: Viewer) -> None:
-        """Pass on the keys pressed and the drag made since the last call."""
+        """Pass on the keys pressed and what the mouse did since the last call."""
+        viewer.size = width, height = self._window.get_window_shape()
+        across, up = self._window.get_cursor_pos()
+        at = (across * width, (1.0 - up) * height)
         for event in self._window.get_events(ti.ui.PRESS):
-            viewer.handle_key(event.key)
-        self._window.get_events(ti.ui.RELEASE)
-        at = self._window.get_cursor_pos()
-        held = [name for button, name in BUTTONS.items() if self._window.is_pressed(button)]
-        if held and self._cursor is not None:
-            width, height = self._window.get_window_shape()
-            right, up = (at[0] - self._cursor[0]) * width / height, at[1] - self._cursor[1]
-            if right or up:
-                viewer.drag(held[0], right, up)
-        self._cursor = at if held else None
+            if event.key not in BUTTONS:
+                viewer.handle_key(event.key)
+            elif not self._panel.takes(at):
+                viewer.press(BUTTONS[event.key], at)
+        self._window.get_events(ti.ui.RELEASE)  # what is down counts: a release may come before its press here
+        viewer.move(at, away=self._window.is_pressed(ti.ui.SHIFT))
+        for button, name in BUTTONS.items():
+            if not self._window.is_pressed(button):
+                viewer.release(name)
+        if not self._window.is_pressed(ti.ui.LMB):
+            self._panel.release()
 
-    def show(self, viewer: Viewer, rate: float) -> None:
-        """Draw the viewer's drawing and sheet; a picture that was asked for holds the legend, but no state or
+    def show(self, viewer: Viewer) -> None:
+        """Draw the viewer's drawing, sheet and panel; a picture that was asked for holds the legend, but no state or
         help."""
-        size = self._window.get_window_shape()
         if viewer.photo:
             self._renderer.draw(viewer.drawing, viewer.viewpoint)
             image = self._renderer.image()
-            legend(viewer.drawing.key, viewer.simulation.time, size).stamp(image)
+            legend(viewer.drawing.key, viewer.simulation.time, viewer.size).stamp(image)
             viewer.save(image)
         self._renderer.draw(viewer.drawing, viewer.viewpoint)
-        self._write(viewer.sheet(size, rate))
-        self._window.show()
+        self._write(viewer.sheet())
+        self._panel.show(self._window.get_gui(), viewer)
+        self._renderer.show()
 
     def close(self) -> None:
         self._renderer.close()
@@ -61,11 +67,11 @@ class Screen:
         canvas, none = self._renderer.canvas.canvas, get_field_info(None)
         for rows in self._keep:
             canvas.triangles(get_field_info(rows), none, True, (1.0, 1.0, 1.0))
-        for height in sorted({text.height for text in sheet.texts}):
-            rows = _pen_strokes(sheet, height)
+        drawn: list[Any] = [*sheet.lines, *sheet.texts]
+        for width in sorted({stroke.width for stroke in drawn}, reverse=True):
+            rows = _pen_strokes([stroke for stroke in drawn if stroke.width == width], sheet.size)
             self._keep.append(rows)
-            width = max(PEN * height, 1.3) / sheet.size[1]
-            canvas.lines(get_field_info(rows), none, True, (1.0, 1.0, 1.0), width)
+            canvas.lines(get_field_info(rows), none, True, (1.0, 1.0, 1.0), width / sheet.size[1])
 
 
 def _rows(points: np.ndarray, colors: np.ndarray, size: tuple[int, int]) -> np.ndarray:
@@ -86,10 +92,7 @@ def _rectangles(sheet: Sheet) -> np.ndarray:
     return _rows(np.array(points), np.array(colors), sheet.size)
 
 
-def _pen_strokes(sheet: Sheet, height: float) -> np.ndarray:
-    points, colors = [np.zeros((0, 2))], [np.zeros((0, 3))]
-    for text in sheet.texts:
-        if text.height == height:
-            points.append(strokes(text.words, text.x, text.y, height).reshape(-1, 2))
-            colors.append(np.tile(text.rgb, (len(points[-1]), 1)))
-    return _rows(np.concatenate(points), np.concatenate(colors), sheet.size)
+def _pen_strokes(drawn: list[Any], size: tuple[int, int]) -> np.ndarray:
+    points = [stroke.segments().reshape(-1, 2) for stroke in drawn]
+    colors = [np.tile(stroke.rgb, (len(part), 1)) for stroke, part in zip(drawn, points, strict=True)]
+    return _rows(np.concatenate(points), np.concatenate(colors), size)

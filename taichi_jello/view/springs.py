@@ -69,8 +69,9 @@ def layers(body: Body) -> np.ndarray:
 class Springs:
     """The springs of a body as `lines`, and `key`, what their colours mean in this frame.
 
-    Of a dense body only layer 0 is drawn, by family also layer 1, and all when `everything` is set; the scale
-    and `load`, force [N] or strain of each, are those of the springs drawn."""
+    Of a dense body only layer 0 is drawn, by family also layer 1, and all when `everything` is set; the colour scale
+    and `load`, force [N] or strain of each, are those of the springs drawn. `scale`: of the body's stiffness and
+    damping, as they are now."""
 
     def __init__(self, body: Body):
         layer = layers(body)
@@ -79,6 +80,7 @@ class Springs:
         self.coefficients = [a[order].astype(np.float32) for a in (body.rest_length, body.stiffness, body.damping)]
         self.families = np.minimum(body.family, 3).astype(np.intp)[order]
         self.everything = False
+        self.scale = (1.0, 1.0)
         self.load = np.zeros(0, np.float32)
         self.lines = Lines.empty(0, WIDTH)
         self.key = Key()
@@ -95,6 +97,7 @@ class Springs:
         self.lines.x[0::2], self.lines.x[1::2] = a, b = x[i], x[j]
         clip(self.lines.x, look, TOWARDS_EYE)
         rest, stiffness, damping = (values[:shown] for values in self.coefficients)
+        firm, thick = self.scale
         if color == "family":
             rgb, self.key = self._by_family(self.families[:shown])
         elif color == "plain":
@@ -102,7 +105,7 @@ class Springs:
         elif color == "strain":
             rgb, self.key = self._by_load(color, strains(b - a, rest))
         else:
-            rgb, self.key = self._by_load(color, loads(b - a, v[j] - v[i], rest, stiffness, damping))
+            rgb, self.key = self._by_load(color, loads(b - a, v[j] - v[i], rest, firm * stiffness, thick * damping))
         self.lines.rgb.reshape(-1, 2, 3)[:] = rgb
 
     def _by_load(self, color: str, load: np.ndarray) -> tuple[np.ndarray, Key]:

@@ -1,8 +1,8 @@
-"""The interactive window: what keys and the mouse do, and the loop that keeps physics in step with the
-clock."""
+"""The interactive window: what it shows, what keys and the mouse do, and the loop that keeps it going."""
 
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,72 +10,118 @@ import numpy as np
 
 from taichi_jello.record import write_png
 from taichi_jello.scene import COLORS
+from taichi_jello.simulation import Diverged
 from taichi_jello.view import palette
+from taichi_jello.view.actions import HELP, KEYS
 from taichi_jello.view.camera import Viewpoint
 from taichi_jello.view.drawing import Drawing
+from taichi_jello.view.gauges import Gauges
+from taichi_jello.view.hand import Hand, mark
 from taichi_jello.view.legend import Sheet, legend
+from taichi_jello.view.pace import Pace
+from taichi_jello.view.picking import Place, pick
+from taichi_jello.view.plot import plot
 from taichi_jello.view.renderers import drawing_of
 
 ORBIT = 4.0  # rad for a drag across the whole height of the window
-ZOOM = 1.15  # a key press
-MOST_FRAMES = 4  # physics frames for one drawn one: a slow machine slows time instead of freezing the window
 SHOWS: tuple[tuple[str, frozenset[str]], ...] = (
     ("skin and springs", frozenset()),
     ("all springs", frozenset({"skin"})),
     ("skin", frozenset({"springs", "particles"})),
     ("particles", frozenset({"skin", "springs"})),
 )
-HELP = (
-    ("drag", "turn the view"),
-    ("middle drag", "move the view"),
-    ("W S  or  up down", "nearer, farther"),
-    ("Space", "pause, go on"),
-    ("right arrow", "one frame, while paused"),
-    ("R", "start again"),
-    ("C", "color: force, strain, family, plain"),
-    ("K", "show: skin, springs, particles"),
-    ("P", "save a picture"),
-    ("H", "this help"),
-    ("Esc", "leave"),
-)
 
 
 class Viewer:
     """What the window shows of a simulation and what a person asks of it; knows no window.
 
-    Asked with handle_key and drag, and moved on by advance; `notice` is the last thing to tell."""
+    Asked with handle_key, press, move and release, and moved on by advance; `notice` is the last thing to tell,
+    `size` the window's (width, height) [pixels]. Places are columns and rows from its upper left corner."""
 
     def __init__(self, simulation: Any, color: str = "", folder: str | os.PathLike[str] = "."):
         color = color or simulation.scene.camera.color
         if color not in COLORS:
             raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
+        self.color, self.folder, self.size = color, Path(folder), (1280, 720)
+        self.paused = self.helping = self.panelled = self.leaving = self.photo = False
+        self.show = 0
+        self.pace = Pace()
+        self._drawn = 0.0  # s from one drawn frame to the next, lately
+        self._button, self._at = "", (0.0, 0.0)
+        self._waiting: Callable[[], None] | None = None
+        self.play(simulation)
+
+    def play(self, simulation: Any) -> None:
+        """Show this simulation from now on."""
         self.simulation = simulation
         self.drawing: Drawing = drawing_of(simulation)
         self.viewpoint = Viewpoint.of(simulation.scene.camera)
-        self.color, self.folder = color, Path(folder)
-        self.paused = self.helping = self.leaving = self.photo = False
-        self.show = 0
-        self.speed = 1.0  # simulated seconds for a second of the clock
+        self.hand: Hand | None = None
+        self.gauges = Gauges()
         self.notice = ""
-        self._owed = 0.0
-        self._keys = {
-            " ": self._pause, "right": self._step, "r": self._restart, "c": self._next_color,
-            "k": self._next_show, "p": self._ask_photo, "h": self._toggle_help, "escape": self._leave,
-            "w": self._nearer, "up": self._nearer, "s": self._farther, "down": self._farther,
-        }  # fmt: skip
+        self.pace.rest()
+
+    @property
+    def rate(self) -> float:
+        """Drawn frames a second."""
+        return 1.0 / self._drawn if self._drawn else 0.0
+
+    @property
+    def shown(self) -> str:
+        """What K chose to be drawn."""
+        return SHOWS[self.show][0]
+
+    def show_next(self) -> None:
+        self.show = (self.show + 1) % len(SHOWS)
 
     def handle_key(self, key: str) -> bool:
         """Do what a key press means; False if it means nothing. Keys by GGUI's names: " ", "r", "Right",
         "Escape"."""
-        action = self._keys.get(key.lower())
+        action = KEYS.get(key.lower())
         if action is None:
             return False
-        action()
+        action(self)
         return True
 
+    def press(self, button: str, at: Place) -> None:
+        """A mouse button (left, right, middle) goes down: the left one grabs the jello there, else the view moves."""
+        if self._button:
+            return
+        self._button, self._at = button, at
+        if button == "left":
+            now, skin = self.simulation.snapshot(), "skin" not in SHOWS[self.show][1]
+            found = pick(self.simulation.body, now.x, self.viewpoint, at, self.size, skin)
+            if found is not None:
+                try:
+                    self.hand = Hand(self.simulation, found)
+                except ValueError as error:
+                    self.notice = str(error)
+
+    def move(self, at: Place, away: bool = False) -> None:
+        """The mouse is at `at` now; away: it pulls along the line of sight."""
+        right, up = (at[0] - self._at[0]) / self.size[1], (self._at[1] - at[1]) / self.size[1]
+        self._at = at
+        if not self._button or not (right or up):
+            return
+        if self.hand is not None:
+            self.hand.move(self.viewpoint, right, up, away)
+        else:
+            self.drag(self._button, right, up)
+
+    def release(self, button: str) -> None:
+        """A mouse button is up."""
+        if button == self._button:
+            self._button = ""
+            self.let_go()
+
+    def let_go(self) -> None:
+        """Release what is grabbed, if anything is."""
+        if self.hand is not None:
+            self.hand.let_go()
+            self.hand = None
+
     def drag(self, button: str, right: float, up: float) -> None:
-        """The mouse moved by these fractions of the window's height with `button` (left, right, middle)
-        held."""
+        """Move the view: the mouse moved by these fractions of the window's height with `button` held."""
         if button == "middle":
             meters = 2.0 * self.viewpoint.distance * float(np.tan(np.radians(self.viewpoint.fov) / 2.0))
             self.viewpoint.pan(-right * meters, -up * meters)
@@ -83,56 +129,84 @@ class Viewer:
             self.viewpoint.orbit(-ORBIT * right, -ORBIT * up)
 
     def advance(self, seconds: float) -> int:
-        """Let `seconds` of the clock pass: whole physics frames follow, at most MOST_FRAMES. Returns how
-        many."""
+        """Let the `seconds` since the last drawn frame pass: whole physics frames follow. Returns how many."""
+        self._drawn += (seconds - self._drawn) * (0.1 if self._drawn else 1.0)
         if self.paused or seconds <= 0.0:
-            self._owed = 0.0
+            self.pace.rest()
             return 0
-        frame = self.simulation.frame_dt
-        self._owed += seconds
-        wanted = int(self._owed / frame + 1e-9)
-        frames = min(wanted, MOST_FRAMES)
-        for _ in range(frames):
-            self.simulation.frame()
-        # Time that a slow machine cannot make up is forgotten, not saved for a burst.
-        self._owed = self._owed - frames * frame if wanted <= MOST_FRAMES else 0.0
-        share = min(1.0, seconds)
-        self.speed += (frames * frame / seconds - self.speed) * share
-        return frames
+        try:
+            return self.pace.advance(self.simulation, seconds)
+        except Diverged as bad:
+            self._stop(bad)
+            return 0
+
+    def step(self) -> None:
+        """One physics frame."""
+        try:
+            self.pace.frame(self.simulation)
+        except Diverged as bad:
+            self._stop(bad)
+
+    def _stop(self, bad: Diverged) -> None:
+        self.paused = True
+        self.let_go()
+        told = "numbers went bad at particle {particle}: dt = {dt:.3g} s, safe dt = {safe_dt:.3g} s; R: start again"
+        self.notice = told.format(**bad.record)
+
+    def tune(self, **numbers: Any) -> bool:
+        """Change numbers of the simulation's tuning; False, with a notice, where they cannot be."""
+        try:
+            self.simulation.tune(**numbers)
+        except ValueError as error:
+            self.notice = str(error)
+            return False
+        return True
+
+    def wait_for(self, words: str, work: Callable[[], None]) -> None:
+        """Tell these words, and do the work, which takes its time, once they are on the screen."""
+        self.notice, self._waiting = words, work
+
+    def catch_up(self) -> bool:
+        """Do the work that waits; False if there is none."""
+        work, self._waiting = self._waiting, None
+        if work is not None:
+            work()
+        return work is not None
 
     def update(self) -> None:
         """Fill the drawing from the simulation's state."""
         self.drawing.hidden = set(SHOWS[self.show][1])
         if self.drawing.springs is not None:
-            self.drawing.springs.everything = SHOWS[self.show][0] == "all springs"
+            tuning = self.simulation.tuning
+            self.drawing.springs.everything = self.shown == "all springs"
+            self.drawing.springs.scale = (tuning.get("stiffness", 1.0), tuning.get("damping", 1.0))
         now = self.simulation.snapshot()
         self.drawing.update(now.x, now.v, now.time, viewpoint=self.viewpoint, color=self.color)
+        if self.panelled:
+            self.gauges.read(self.simulation, now.x, now.v)
 
-    def sheet(self, size: tuple[int, int], rate: float) -> Sheet:
-        """The legend and, at the top, the state; rate: drawn frames a second."""
+    def sheet(self) -> Sheet:
+        """The legend; at the top the state; and what is grabbed, plotted or explained."""
+        size = self.size
         sheet = legend(self.drawing.key, self.simulation.time, size)
         s = sheet.scale
-        words = f"{rate:.0f} fps"
+        words = f"{self.rate:.0f} fps"
         if self.paused:
             words += "   paused"
-        elif self.speed < 0.95:
-            words += f"   real time x {self.speed:.2f}"
+        elif abs(self.pace.speed - 1.0) > 0.05:
+            words += f"   real time x {self.pace.speed:.2f}"
         sheet.text(words, size[0] - 28.0 * s, 40.0 * s, 12.5 * s, align=1.0)
         sheet.text(self.simulation.scene.title or "jello", 28.0 * s, 40.0 * s, 12.5 * s)
-        sheet.text(self.notice or "H: help", 28.0 * s, 62.0 * s, 10.0 * s, palette.EDGE)
+        sheet.text(self.notice or "H: help", 28.0 * s, 62.0 * s, 10.0 * s, palette.INK if self.notice else palette.EDGE)
         if self.helping:
-            self._write_help(sheet)
+            write_help(sheet)
+            return sheet
+        if self.panelled:
+            plot(sheet, self.gauges.past)
+        held = self.simulation.held if self.hand is not None else None
+        if held is not None:
+            mark(sheet, held, self.viewpoint)
         return sheet
-
-    def _write_help(self, sheet: Sheet) -> None:
-        s = sheet.scale
-        width, height = 640.0 * s, (len(HELP) * 27.0 + 40.0) * s
-        x, y = (sheet.size[0] - width) / 2.0, (sheet.size[1] - height) / 2.0
-        sheet.quad(x, y, width, height, palette.PAPER)
-        for k, (keys, meaning) in enumerate(HELP):
-            line = y + (42.0 + 27.0 * k) * s
-            sheet.text(keys, x + 30.0 * s, line, 12.5 * s)
-            sheet.text(meaning, x + 230.0 * s, line, 12.5 * s)
 
     def save(self, image: np.ndarray) -> None:
         """Write the picture into the folder, named after scene and time; says in `notice` where, or why
@@ -146,39 +220,17 @@ class Viewer:
         except OSError as error:
             self.notice = f"not saved: {error.strerror or error}"
 
-    def _pause(self) -> None:
-        self.paused = not self.paused
 
-    def _step(self) -> None:
-        if self.paused:
-            self.simulation.frame()
-
-    def _restart(self) -> None:
-        self.simulation.reset()
-        self._owed = 0.0
-
-    def _next_color(self) -> None:
-        self.color = COLORS[(COLORS.index(self.color) + 1) % len(COLORS)]
-        self.notice = f"color: {self.color}"
-
-    def _next_show(self) -> None:
-        self.show = (self.show + 1) % len(SHOWS)
-        self.notice = f"show: {SHOWS[self.show][0]}"
-
-    def _ask_photo(self) -> None:
-        self.photo = True
-
-    def _toggle_help(self) -> None:
-        self.helping = not self.helping
-
-    def _leave(self) -> None:
-        self.leaving = True
-
-    def _nearer(self) -> None:
-        self.viewpoint.zoom(1.0 / ZOOM)
-
-    def _farther(self) -> None:
-        self.viewpoint.zoom(ZOOM)
+def write_help(sheet: Sheet) -> None:
+    """All keys, on a page in the middle."""
+    s = min(sheet.scale, sheet.size[0] / 740.0)
+    width, height = 700.0 * s, (len(HELP) * 26.0 + 36.0) * s
+    x, y = (sheet.size[0] - width) / 2.0, (sheet.size[1] - height) / 2.0
+    sheet.quad(x, y, width, height, palette.PAPER)
+    for k, (keys, meaning) in enumerate(HELP):
+        line = y + (38.0 + 26.0 * k) * s
+        sheet.text(keys, x + 30.0 * s, line, 12.5 * s)
+        sheet.text(meaning, x + 270.0 * s, line, 12.5 * s)
 
 
 def play(
@@ -198,15 +250,16 @@ def play(
 
     viewer = Viewer(simulation, color, folder)
     screen = Screen(size, simulation.scene.title or "jello")
-    rate, before = 0.0, time.perf_counter()
+    before = time.perf_counter()
     try:
-        while screen.running and not viewer.leaving and (seconds is None or simulation.time < seconds):
+        while screen.running and not viewer.leaving and (seconds is None or viewer.simulation.time < seconds):
             screen.listen(viewer)
             now = time.perf_counter()
             viewer.advance(now - before)
-            rate += (1.0 / max(now - before, 1e-4) - rate) * 0.1
             before = now
             viewer.update()
-            screen.show(viewer, rate)
+            screen.show(viewer)
+            if viewer.catch_up():
+                before = time.perf_counter()
     finally:
         screen.close()

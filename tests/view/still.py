@@ -1,5 +1,7 @@
 """A stand-in for a simulation, so that pictures are tested on shapes that are known exactly."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from taichi_jello.body import join
@@ -9,11 +11,15 @@ from taichi_jello.shapes.lattice import Box
 
 
 class Still:
-    """A body that is where the test puts it; frame() lifts it by 5 cm."""
+    """A body that is where the test puts it; frame() lifts it by 5 cm. `calls` are what it was asked while it ran."""
+
+    method, substeps, dt, safe_dt = "rk4", 10, 1.0 / 600.0, 1.0 / 500.0
 
     def __init__(self, scene: Scene):
         self.scene, self.frame_dt, self.time, self.resets = scene, scene.solver.frame_dt, 0.0, 0
         self.body = join([jello.body() for jello in scene.jello])
+        self.tuning = {"stiffness": 1.0, "damping": 1.0, "gravity": (0.0, -9.81, 0.0), "friction": 0.3}
+        self.held, self.calls = None, []
         self.put(self.body.x)
 
     def put(self, x: np.ndarray, v: np.ndarray | None = None) -> "Still":
@@ -32,6 +38,33 @@ class Still:
     def reset(self) -> None:
         self.time, self.resets = 0.0, self.resets + 1
         self.put(self.body.x)
+
+    def energies(self) -> dict[str, float]:
+        return {"kinetic": 1.0 + self.time, "elastic": 2.0, "gravity": -3.0, "contact": 0.0}
+
+    def tune(self, **numbers) -> None:
+        unknown = set(numbers) - set(self.tuning)
+        if unknown:
+            raise ValueError(f"{unknown.pop()}: the scene has none")
+        self.tuning |= numbers
+
+    def push(self, velocity) -> None:
+        self.calls.append(("push", tuple(np.round(velocity, 6))))
+
+    def grab(self, particles, weights, target) -> None:
+        point = np.asarray(weights) @ self.x[list(particles)]
+        self.held = SimpleNamespace(
+            particles=particles, weights=weights, point=point, target=np.array(target, float), force=np.full(3, 2.0)
+        )
+
+    def move_grab(self, target) -> None:
+        self.held.target = np.array(target, float)
+
+    def release(self) -> None:
+        self.held = None
+
+    def change_method(self, name: str) -> None:
+        self.method = name
 
 
 def cube_scene(height: float = 0.5, points: int = 4, **jello) -> Scene:

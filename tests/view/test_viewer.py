@@ -1,11 +1,17 @@
 """The viewer's keys, mouse and clock, without a window."""
 
+import time
+
 import numpy as np
 import pytest
 from still import Still, cube_scene
 
+from taichi_jello.physics.integrators import schemes
 from taichi_jello.scene import COLORS
-from taichi_jello.view.viewer import HELP, MOST_FRAMES, SHOWS, Viewer
+from taichi_jello.simulation import Diverged
+from taichi_jello.view.actions import HELP, KEYS
+from taichi_jello.view.pace import BUDGET, MOST_FRAMES
+from taichi_jello.view.viewer import SHOWS, Viewer
 
 
 @pytest.fixture
@@ -24,7 +30,19 @@ def test_a_slow_machine_slows_time_and_catches_up_with_nothing(viewer):
     for _ in range(40):
         assert viewer.advance(10 * MOST_FRAMES * frame) == MOST_FRAMES
     assert viewer.advance(0.5 * frame) == 0
-    assert viewer.speed < 0.2
+    assert viewer.pace.speed < 0.2
+
+
+def test_heavy_physics_leaves_time_to_draw(viewer, monkeypatch):
+    monkeypatch.setattr(Still, "frame", lambda self: time.sleep(3.0 * BUDGET))
+    assert viewer.advance(4.0 * viewer.simulation.frame_dt) < 4
+    assert viewer.pace.cost == pytest.approx(3.0 * BUDGET, rel=0.5)
+    assert viewer.advance(0.5 * viewer.simulation.frame_dt) == 0  # what could not be done is not owed
+
+
+def test_time_can_run_slower(viewer):
+    viewer.pace.scale = 0.25
+    assert sum(viewer.advance(viewer.simulation.frame_dt) for _ in range(40)) == 10
 
 
 def test_space_pauses_and_right_steps_only_then(viewer):
@@ -70,16 +88,170 @@ def test_drags_move_the_camera(viewer):
     assert moved == pytest.approx([600.0, 200.0])
 
 
+def grab_at(viewer, point=(0.0, 0.5, 0.5)):
+    """Press the left button on a point of the front side; where on the screen."""
+    at = viewer.viewpoint.project(np.array([point]), viewer.size)[0]
+    viewer.press("left", tuple(at))
+    return at
+
+
+def test_the_left_button_grabs_the_jello_and_the_target_follows_the_cursor(viewer):
+    viewer.handle_key(" ")  # also while paused
+    at, eye = grab_at(viewer), viewer.viewpoint.eye.copy()
+    held = viewer.simulation.held
+    assert held.target == pytest.approx([0.0, 0.5, 0.5], abs=1e-6) == held.point
+    for step in ([40.0, -30.0], [100.0, -80.0], [-300.0, 50.0]):
+        viewer.move(tuple(at + step))
+        assert viewer.viewpoint.project(held.target[None], viewer.size)[0] == pytest.approx(at + step, abs=1e-3)
+        depth = (viewer.viewpoint.eye - held.target) @ viewer.viewpoint.axes()[2]
+        assert depth == pytest.approx((eye - [0.0, 0.5, 0.5]) @ viewer.viewpoint.axes()[2])
+    assert viewer.viewpoint.eye == pytest.approx(eye)
+    viewer.release("right")
+    assert viewer.simulation.held is held
+    viewer.release("left")
+    assert viewer.simulation.held is None and viewer.hand is None
+
+
+def test_shift_pulls_along_the_line_of_sight(viewer):
+    at = grab_at(viewer)
+    before = viewer.simulation.held.target.copy()
+    viewer.move((at[0], at[1] - 100.0), away=True)
+    after = viewer.simulation.held.target
+    assert viewer.viewpoint.project(after[None], viewer.size)[0] == pytest.approx(at, abs=1e-3)
+    assert np.linalg.norm(after - viewer.viewpoint.eye) > np.linalg.norm(before - viewer.viewpoint.eye) * 1.1
+    viewer.move((at[0], at[1] + 1e5), away=True)
+    assert np.isfinite(viewer.viewpoint.project(viewer.simulation.held.target[None], viewer.size)).all()
+
+
+def test_beside_the_jello_and_with_the_right_button_the_view_turns(viewer):
+    for button, at in (("left", (5.0, 5.0)), ("right", (640.0, 400.0))):
+        viewer.viewpoint.reset()
+        eye = viewer.viewpoint.eye.copy()
+        viewer.press(button, at)
+        viewer.move((at[0] + 50.0, at[1]))
+        assert viewer.simulation.held is None and viewer.viewpoint.eye[0] < eye[0] - 0.1
+        viewer.release(button)
+        eye = viewer.viewpoint.eye.copy()
+        viewer.move((at[0] + 90.0, at[1]))
+        assert viewer.viewpoint.eye == pytest.approx(eye)
+
+
+def test_what_is_hidden_is_not_grabbed(viewer):
+    viewer.show = [name for name, _ in SHOWS].index("particles")
+    grab_at(viewer)  # the middle of a side has no particle
+    assert viewer.hand is None
+    viewer.release("left")
+    grab_at(viewer, (0.5, 0.0, 0.5))
+    assert len(viewer.simulation.held.particles) == 1
+
+
+def test_without_a_grab_force_the_view_turns_instead(viewer, monkeypatch):
+    def refuse(*_):
+        raise ValueError("the scene has no Grab() among its forces")
+
+    monkeypatch.setattr(viewer.simulation, "grab", refuse, raising=False)
+    at, eye = grab_at(viewer), viewer.viewpoint.eye.copy()
+    viewer.move((at[0] + 50.0, at[1]))
+    assert "Grab" in viewer.notice and viewer.viewpoint.eye[0] < eye[0]
+
+
+def test_the_grip_is_drawn_with_its_force(viewer):
+    at = grab_at(viewer)
+    viewer.move((at[0] + 100.0, at[1]))
+    viewer.update()
+    sheet = viewer.sheet()
+    assert any(text.words == "3.46 N" for text in sheet.texts)
+    ends = np.concatenate([line.points for line in sheet.lines])
+    assert np.abs(ends - at).max(1).min() < 0.5 and np.abs(ends - at - [100.0, 0.0]).max(1).min() < 0.5
+
+
+def test_arrows_push_along_the_ground_as_seen(viewer):
+    for key, way in (
+        ("Right", (1, 0, 0)),
+        ("Left", (-1, 0, 0)),
+        ("Up", (0, 0, -1)),
+        ("Down", (0, 0, 1)),
+        ("j", (0, 1, 0)),
+    ):
+        viewer.handle_key(key)
+        name, velocity = viewer.simulation.calls[-1]
+        assert name == "push" and np.linalg.norm(velocity) > 0.5
+        assert velocity / np.linalg.norm(velocity) == pytest.approx(way, abs=1e-6)
+    viewer.handle_key(" ")
+    count = len(viewer.simulation.calls)
+    viewer.handle_key("Left")
+    assert len(viewer.simulation.calls) == count and "paused" in viewer.notice
+
+
+def test_g_turns_gravity_up_off_and_down_again(viewer):
+    seen: list[tuple[float, ...]] = []
+    for _ in range(3):
+        viewer.handle_key("g")
+        seen.append(viewer.simulation.tuning["gravity"])
+    assert seen == [(0.0, 9.81, 0.0), (0.0, 0.0, 0.0), (0.0, -9.81, 0.0)]
+
+
+def test_f_looks_at_the_jello_wherever_it_is(viewer):
+    viewer.simulation.put(viewer.simulation.body.x + [30.0, 7.0, -80.0])
+    for viewer.size in ((1280, 720), (400, 1000)):
+        viewer.handle_key("f")
+        places = viewer.viewpoint.project(viewer.simulation.x, viewer.size)
+        assert places.min() > 0.0 and (places < viewer.size).all()
+        assert max(np.ptp(places, axis=0) / viewer.size) > 0.4
+
+
+def test_m_goes_to_the_next_method_once_that_was_told(viewer):
+    names = list(schemes())
+    for k in range(len(names)):
+        viewer.handle_key("m")
+        assert viewer.notice.startswith("compiling") and viewer.catch_up() and not viewer.catch_up()
+        assert viewer.simulation.method == names[(names.index("rk4") + 1 + k) % len(names)]
+
+
+def test_a_method_without_a_safe_step_is_passed_over(viewer, monkeypatch):
+    names = list(schemes())
+    refused = names[(names.index("rk4") + 1) % len(names)]
+
+    def change(name):
+        if name == refused:
+            raise ValueError("no stable step")
+        viewer.simulation.method = name
+
+    monkeypatch.setattr(viewer.simulation, "change_method", change, raising=False)
+    viewer.handle_key("m")
+    viewer.catch_up()
+    assert viewer.simulation.method == names[(names.index("rk4") + 2) % len(names)]
+
+
+def test_numbers_that_went_bad_pause_and_are_told(viewer, monkeypatch):
+    def bad(self):
+        raise Diverged({"time": 1.0, "particle": 7, "jello": 0, "dt": 0.01, "safe_dt": 0.002})
+
+    grab_at(viewer)
+    monkeypatch.setattr(Still, "frame", bad)
+    assert viewer.advance(0.1) == 0
+    assert viewer.paused and viewer.simulation.held is None
+    assert all(word in viewer.notice for word in ("particle 7", "0.01 s", "0.002 s"))
+    viewer.handle_key("Right")  # one step more is no crash either
+    assert viewer.paused
+
+
+def test_starting_again_lets_go(viewer):
+    grab_at(viewer)
+    viewer.handle_key("BackSpace")
+    assert viewer.simulation.resets == 1 and viewer.simulation.held is None
+
+
 def test_zoom_keys(viewer):
     far = viewer.viewpoint.distance
     viewer.handle_key("w")
     assert viewer.viewpoint.distance < far
-    viewer.handle_key("Down")
+    viewer.handle_key("s")
     assert viewer.viewpoint.distance == pytest.approx(far)
 
 
 def test_unknown_keys_do_nothing(viewer):
-    assert not viewer.handle_key("Tab")
+    assert not viewer.handle_key("z") and not viewer.handle_key("Shift")
 
 
 def test_p_saves_a_named_picture_or_says_why_not(viewer, tmp_path):
@@ -94,14 +266,30 @@ def test_p_saves_a_named_picture_or_says_why_not(viewer, tmp_path):
 
 
 def test_help_names_every_key(viewer):
+    told = " ".join(keys for keys, _ in HELP).lower().split()
+    names = {" ": "space", "escape": "esc"}
+    assert {names.get(key, key) for key in KEYS} <= set(told)
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (640, 360), (800, 1000), (2000, 400)])
+def test_help_fits_the_window(viewer, size):
+    viewer.size = size
     viewer.update()
     viewer.handle_key("h")
-    words = [text.words for text in viewer.sheet((1280, 720), 60.0).texts]
-    assert {keys for keys, _ in HELP} <= set(words)
-    assert any("60 fps" in w for w in words)
+    sheet = viewer.sheet()
+    page = max(sheet.quads, key=lambda quad: quad.width * quad.height)
+    on_page = [text for text in sheet.texts if any(text.words in row for row in HELP)]
+    assert len(on_page) >= 2 * len(HELP)
+    assert page.x > 0.0 and page.y > 0.0 and page.x + page.width < size[0] and page.y + page.height < size[1]
+    for text in on_page:
+        places = text.segments().reshape(-1, 2)
+        assert (places > [page.x, page.y]).all() and (places < [page.x + page.width, page.y + page.height]).all()
 
 
 def test_state_is_written(viewer):
+    for _ in range(3):
+        viewer.advance(1.0 / 59.7)
     viewer.update()
     viewer.handle_key(" ")
-    assert any("paused" in text.words for text in viewer.sheet((1280, 720), 30.0).texts)
+    words = [text.words for text in viewer.sheet().texts]
+    assert any("60 fps" in w and "paused" in w for w in words)

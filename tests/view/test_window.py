@@ -1,6 +1,7 @@
 """A real window on a virtual screen, driven by synthetic keys and mouse."""
 
 import ctypes
+import json
 import os
 import shutil
 import subprocess
@@ -20,19 +21,22 @@ pytestmark = [
     pytest.mark.skipif(not ggui.available(), reason="no Vulkan driver works here"),
 ]
 PROGRAM = """
-import sys
+import json, os, sys
 sys.path.insert(0, sys.argv[1])
-from still import Still, cube_scene
 from dataclasses import replace
+from still import Still, cube_scene
 from taichi_jello import runtime
+from taichi_jello.physics.forces.grab import Grab
+from taichi_jello.simulation import Simulation
 from taichi_jello.view.viewer import Viewer, play
 runtime.start()
-simulation = Still(replace(cube_scene(0.5, 3), title="probe"))
-told = []
+scene = replace(cube_scene(0.5, 3), title="probe", force=(Grab(),))
+simulation = Simulation(scene) if sys.argv[3] == "real" else Still(scene)
 press = Viewer.handle_key
 def heard(viewer, key):
     done = press(viewer, key)
-    print("key", repr(key), viewer.paused, simulation.resets, round(simulation.time, 4), flush=True)
+    resets = getattr(viewer.simulation, "resets", 0)
+    print("key", repr(key), viewer.paused, resets, round(viewer.simulation.time, 4), flush=True)
     return done
 Viewer.handle_key = heard
 drag = Viewer.drag
@@ -40,6 +44,21 @@ def dragged(viewer, *motion):
     drag(viewer, *motion)
     print("drag", motion[0], flush=True)
 Viewer.drag = dragged
+update = Viewer.update
+def updated(viewer):
+    update(viewer)
+    now, held = viewer.simulation.snapshot(), viewer.simulation.held
+    told = dict(title=viewer.simulation.scene.title, time=now.time, paused=viewer.paused, color=viewer.color)
+    told |= dict(show=viewer.show, panel=viewer.panelled, helping=viewer.helping, eye=viewer.viewpoint.eye.tolist())
+    told |= dict(method=viewer.simulation.method, tuning={k: str(v) for k, v in viewer.simulation.tuning.items()})
+    told |= dict(stiffness=viewer.simulation.tuning["stiffness"], middle=now.x.mean(0).tolist())
+    told |= dict(velocity=now.v.mean(0).tolist(), held=None, notice=viewer.notice)
+    if held is not None:
+        told["held"] = [viewer.viewpoint.project(p[None], viewer.size)[0].tolist() for p in (held.point, held.target)]
+    with open("state.new", "w") as file:
+        json.dump(told, file)
+    os.replace("state.new", "state")
+Viewer.update = updated
 play(simulation, size=(640, 360), folder=sys.argv[2])
 print("left", flush=True)
 """
@@ -63,8 +82,8 @@ def screen():
 class Person:
     """Someone in front of the window."""
 
-    def __init__(self, environment: dict[str, str], folder: Path):
-        command = [sys.executable, "-c", PROGRAM, str(HERE), str(folder)]
+    def __init__(self, environment: dict[str, str], folder: Path, kind: str = "still"):
+        command = [sys.executable, "-c", PROGRAM, str(HERE), str(folder), kind]
         self.environment, self.folder = environment, folder
         log = (folder / "log").open("w")
         self.viewer = subprocess.Popen(command, env=environment, cwd=folder, stdout=log, stderr=subprocess.STDOUT)
@@ -99,13 +118,23 @@ class Person:
         self.wait_for(lambda: self.log.count(f"key {name!r}") > before)
         return [line for line in self.log.splitlines() if line.startswith(f"key {name!r}")][-1]
 
+    @property
+    def state(self) -> dict:
+        """What the window showed last."""
+        return json.loads((self.folder / "state").read_text())
+
+    def mouse(self, *places: tuple[float, float], pause: float = 0.08) -> None:
+        for column, row in places:
+            self.tool("mousemove", str(round(column)), str(round(row)))
+            time.sleep(pause)
+
     def pictures(self) -> list[Path]:
         return sorted(self.folder.glob("*.png"))
 
 
 @pytest.fixture
-def person(screen, tmp_path):
-    someone = Person(screen, tmp_path)
+def person(screen, tmp_path, request):
+    someone = Person(screen, tmp_path, getattr(request, "param", "still"))
     yield someone
     if someone.viewer.poll() is None:
         someone.viewer.kill()
@@ -118,10 +147,8 @@ def test_keys_and_mouse_reach_the_viewer(person):
     person.press("p", "p")
     first = person.wait_for(person.pictures)[0].read_bytes()
 
-    person.tool("mousemove", "200", "150", "mousedown", "1")
-    for column in (230, 260, 290, 320):
-        person.tool("mousemove", str(column), "170")
-        time.sleep(0.1)
+    person.tool("mousemove", "60", "150", "mousedown", "1")  # beside the cube
+    person.mouse(*((column, 170) for column in (90, 120, 150, 180)))
     person.tool("mouseup", "1")
     person.wait_for(lambda: "drag left" in person.log)
     person.press("p", "p")
@@ -157,3 +184,88 @@ def test_the_close_button_ends_it_cleanly(person):
     ask_to_close(person.environment["DISPLAY"], int(person.window))
     assert person.viewer.wait(15) == 0
     assert "left" in person.log
+
+
+@pytest.mark.parametrize("person", ["real"], indirect=True)
+def test_a_jello_is_pulled_about_tuned_and_pushed(person):
+    pull_it_about(person)
+    turn_the_view(person)
+    slide_in_the_panel(person)
+    press_the_other_keys(person)
+    person.press("Escape", "Escape")
+    assert person.viewer.wait(15) == 0
+    assert not [path for path in person.folder.iterdir() if path.suffix == ".ini"]
+
+
+def pull_it_about(person):
+    """The grabbed point follows the cursor, and the jello is thrown where it was going."""
+    before = person.wait_for(lambda: person.state["time"] > 0.5 and person.state)
+    start = (320.0, 190.0)
+    person.mouse(start)
+    person.tool("mousedown", "1")
+    held = person.wait_for(lambda: person.state["held"])
+    assert held[0] == pytest.approx(start, abs=4.0)  # the physics goes on between the click and the picture
+    person.mouse(*((start[0] + 6 * k, start[1] - 8 * k) for k in range(1, 11)))
+
+    def near():
+        point, target = person.state["held"]
+        return abs(target[0] - 380) < 1 and abs(target[1] - 110) < 1 and abs(point[0] - 380) + abs(point[1] - 110) < 40
+
+    person.wait_for(near)
+    after = person.wait_for(lambda: person.state["middle"][1] > before["middle"][1] + 0.2 and person.state)
+    assert after["middle"][0] > before["middle"][0] + 0.1 and after["eye"] == before["eye"]
+    person.tool("mouseup", "1")
+    person.wait_for(lambda: person.state["held"] is None)
+    person.wait_for(lambda: person.state["middle"][1] < 0.6)
+
+
+def turn_the_view(person):
+    eye = person.state["eye"]
+    person.mouse((60, 200))
+    person.tool("mousedown", "3")
+    person.mouse((80, 200), (110, 200))
+    person.tool("mouseup", "3")
+    person.wait_for(lambda: person.state["eye"][0] < eye[0] - 0.3)
+    assert person.state["held"] is None
+
+
+def slide_in_the_panel(person):
+    """The first slider, of the stiffness, begins 28 pixels from the left and 75 from the top."""
+    person.press("Tab", "Tab")
+    person.wait_for(lambda: person.state["panel"])
+    eye = person.state["eye"]
+    time.sleep(0.5)
+    person.mouse((56, 75))
+    person.tool("mousedown", "1")
+    person.mouse((70, 75), (110, 75), (150, 75), (150, 75), pause=0.2)
+    person.tool("mouseup", "1")
+    person.wait_for(lambda: 3.0 < person.state["stiffness"] < 7.0)
+    assert person.state["eye"] == eye and person.state["held"] is None
+    person.press("Tab", "Tab")
+    person.wait_for(lambda: not person.state["panel"])
+
+
+def press_the_other_keys(person):
+    person.press("g", "g")
+    person.wait_for(
+        lambda: "9.81" in person.state["tuning"]["gravity"] and "-9.81" not in person.state["tuning"]["gravity"]
+    )
+    person.wait_for(lambda: person.state["middle"][1] > 0.8)
+    person.press("BackSpace", "BackSpace")
+    person.press("g", "g")
+    person.press("j", "j")
+    person.wait_for(lambda: person.state["velocity"][1] > 1.0)
+    before = person.state["velocity"]
+    person.press("Left", "Left")
+    person.wait_for(lambda: person.state["velocity"][0] < before[0] - 0.5)
+    eye = person.state["eye"]
+    person.press("f", "f")
+    person.wait_for(lambda: person.state["eye"] != eye)
+    person.press("m", "m")
+    person.wait_for(lambda: person.state["method"] != "rk4")
+    color, show = person.state["color"], person.state["show"]
+    person.press("c", "c")
+    person.press("k", "k")
+    person.wait_for(lambda: person.state["color"] != color and person.state["show"] == show + 1)
+    person.press("n", "n")
+    person.wait_for(lambda: person.state["title"] != "probe", 30.0)

@@ -1,0 +1,162 @@
+"""What each key does to a Viewer, and the help that lists it all."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichi_jello.physics.integrators import schemes
+from taichi_jello.scene import COLORS
+from taichi_jello.view import playlist
+from taichi_jello.view.camera import UP
+
+if TYPE_CHECKING:
+    from taichi_jello.view.viewer import Viewer
+
+ZOOM = 1.15  # a key press
+PUSH = 1.2  # m/s along the ground
+JUMP = 3.0  # m/s
+GRAVITY = 9.81  # m/s² where the scene has none of its own
+ROOM = 1.35  # how much farther the eye goes than where the jello just fits
+
+
+def pause(viewer: "Viewer") -> None:
+    viewer.paused = not viewer.paused
+
+
+def restart(viewer: "Viewer") -> None:
+    viewer.let_go()
+    viewer.simulation.reset()
+    viewer.pace.rest()
+
+
+def next_color(viewer: "Viewer") -> None:
+    viewer.color = COLORS[(COLORS.index(viewer.color) + 1) % len(COLORS)]
+    viewer.notice = f"color: {viewer.color}"
+
+
+def next_show(viewer: "Viewer") -> None:
+    viewer.show_next()
+    viewer.notice = f"show: {viewer.shown}"
+
+
+def ask_photo(viewer: "Viewer") -> None:
+    viewer.photo = True
+
+
+def toggle_help(viewer: "Viewer") -> None:
+    viewer.helping = not viewer.helping
+
+
+def toggle_panel(viewer: "Viewer") -> None:
+    viewer.panelled = not viewer.panelled
+
+
+def leave(viewer: "Viewer") -> None:
+    viewer.leaving = True
+
+
+def nearer(viewer: "Viewer") -> None:
+    viewer.viewpoint.zoom(1.0 / ZOOM)
+
+
+def farther(viewer: "Viewer") -> None:
+    viewer.viewpoint.zoom(ZOOM)
+
+
+def look(viewer: "Viewer") -> None:
+    """Turn the eye to the middle of the jellos and go where they just fill the window."""
+    x = viewer.simulation.snapshot().x
+    view, aspect = viewer.viewpoint, viewer.size[0] / viewer.size[1]
+    middle = 0.5 * (x.min(0) + x.max(0))
+    radius = max(float(np.linalg.norm(x - middle, axis=1).max()), 0.05)
+    half = np.arctan(np.tan(np.radians(view.fov) / 2.0) * min(1.0, aspect))
+    view.eye = middle + view.axes()[2] * ROOM * radius / np.sin(half)
+    view.target = middle
+
+
+def jump(viewer: "Viewer") -> None:
+    viewer.simulation.push(JUMP * UP)
+
+
+def push(right: float, forward: float) -> Callable[["Viewer"], None]:
+    """Kicks all jellos along the ground, as the eye sees it; while paused, to the right is one frame on."""
+
+    def action(viewer: "Viewer") -> None:
+        if viewer.paused and right > 0.0:
+            viewer.step()
+        elif viewer.paused:
+            viewer.notice = "paused: Space goes on"
+        else:
+            across = viewer.viewpoint.axes()[0]
+            viewer.simulation.push(PUSH * (right * across + forward * np.cross(UP, across)))
+
+    return action
+
+
+def next_gravity(viewer: "Viewer") -> None:
+    """Down, up, off; down is what the scene says."""
+    own = np.array(viewer.simulation.scene.gravity)
+    down = own if own.any() else -GRAVITY * UP
+    now = float(np.dot(viewer.simulation.tuning.get("gravity", (0.0, 0.0, 0.0)), down))
+    name, turned = ("up", -down) if now > 0.0 else ("off", 0.0 * down) if now < 0.0 else ("down", down)
+    if viewer.tune(gravity=tuple(float(part) + 0.0 for part in turned)):
+        viewer.notice = f"gravity: {name}"
+
+
+def next_method(viewer: "Viewer") -> None:
+    names = list(schemes())
+    now = names.index(viewer.simulation.method)
+
+    def change() -> None:
+        for name in names[now + 1 :] + names[:now]:
+            try:
+                viewer.simulation.change_method(name)
+            except ValueError:  # it has no safe step for this scene
+                continue
+            viewer.notice = f"method: {name}"
+            return
+        viewer.notice = "no other method has a safe step for this scene"
+
+    viewer.wait_for("compiling the next method ...", change)
+
+
+def next_demo(viewer: "Viewer") -> None:
+    def change() -> None:
+        try:
+            viewer.play(playlist.following(viewer.simulation))
+        except ValueError as error:
+            viewer.notice = str(error)
+
+    viewer.let_go()
+    viewer.wait_for("compiling the next demo ...", change)
+
+
+KEYS: dict[str, Callable[["Viewer"], None]] = {
+    " ": pause, "r": restart, "backspace": restart, "c": next_color, "k": next_show, "p": ask_photo, "h": toggle_help,
+    "tab": toggle_panel, "escape": leave, "w": nearer, "s": farther, "f": look, "j": jump, "g": next_gravity,
+    "m": next_method, "n": next_demo, "left": push(-1.0, 0.0), "right": push(1.0, 0.0), "up": push(0.0, 1.0),
+    "down": push(0.0, -1.0),
+}  # fmt: skip
+HELP = (
+    ("drag the jello", "pull it; let go to throw it"),
+    ("Shift drag", "pull it up to you, push it away"),
+    ("drag beside it", "turn the view; right drag too"),
+    ("middle drag", "move the view"),
+    ("W S", "nearer, farther"),
+    ("F", "look at the jello"),
+    ("left right up down", "push the jello"),
+    ("J", "jump"),
+    ("G", "gravity: down, up, off"),
+    ("Space", "pause, go on"),
+    ("right", "one frame, while paused"),
+    ("R  BackSpace", "start again"),
+    ("M", "next method"),
+    ("N", "next demo"),
+    ("Tab", "panel and energies"),
+    ("C", "color: force, strain, family, plain"),
+    ("K", "show: skin, springs, particles"),
+    ("P", "save a picture"),
+    ("H", "this help"),
+    ("Esc", "leave"),
+)

@@ -1,0 +1,49 @@
+"""Numbers that the panel shows of a simulation while it runs: energies over the last seconds, the largest force."""
+
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from taichi_jello.view.springs import loads
+
+SPAN = 5.0  # s of the past that is kept
+LEISURE = 10.0  # how many times as long as one reading of the force took, none is taken
+ENERGIES = ("kinetic", "elastic", "gravity")
+
+
+class Gauges:
+    """`past`: rows of time [s] and the ENERGIES [J], the oldest first; `force`: the largest spring force [N]."""
+
+    def __init__(self) -> None:
+        self.past: deque[tuple[float, ...]] = deque()
+        self.force = 0.0
+        self._next = 0.0
+
+    def read(self, simulation: Any, x: np.ndarray, v: np.ndarray) -> None:
+        """Take a reading, with the particles at x [m] and moving at v [m/s], unless the last one is of this moment."""
+        now = simulation.time
+        if self.past and self.past[-1][0] == now:
+            return
+        if self.past and now < self.past[-1][0]:
+            self.past.clear()
+        energies = simulation.energies()
+        self.past.append((now, *(energies[name] for name in ENERGIES)))
+        while now - self.past[0][0] > SPAN:
+            self.past.popleft()
+        start = time.perf_counter()
+        if start >= self._next:  # among many springs it takes longer than a picture
+            self.force = largest_force(simulation, x, v)
+            end = time.perf_counter()
+            self._next = end + LEISURE * (end - start)
+
+
+def largest_force(simulation: Any, x: np.ndarray, v: np.ndarray) -> float:
+    """Of all springs [N]."""
+    body, tuning = simulation.body, simulation.tuning
+    if not len(body.springs):
+        return 0.0
+    i, j = body.springs.T
+    stiffness, damping = (tuning.get(name, 1.0) * getattr(body, name) for name in ("stiffness", "damping"))
+    return float(loads(x[j] - x[i], v[j] - v[i], body.rest_length, stiffness, damping).max())

@@ -1,0 +1,34 @@
+"""The demos one after the other, for a window that is asked for the next."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from taichi_jello import sceneio
+from taichi_jello.scene import Scene
+from taichi_jello.simulation import Simulation
+
+
+def scenes() -> Iterator[Scene]:
+    """The demos that can be loaded here: some need packages that may be missing."""
+    for name in sceneio.demos():
+        try:
+            yield sceneio.load(name)
+        except (ValueError, ImportError, OSError):
+            continue
+
+
+def following(now: Any) -> Simulation:
+    """The demo after the one that the simulation `now` is, or the first; a hand can grab it if it can grab `now`.
+
+    Raises ValueError if no demo works."""
+    found = list(scenes())
+    same = next((k for k, scene in enumerate(found) if scene.title == now.scene.title), -1)
+    hands = [force for force in now.scene.force if force.key == "grab"]
+    for scene in found[same + 1 :] + found[: same + 1]:
+        own = any(force.key == "grab" for force in scene.force)
+        try:
+            return Simulation(scene if own else replace(scene, force=(*scene.force, *hands)))
+        except ValueError:
+            continue
+    raise ValueError("no demo was found")
