@@ -44,6 +44,13 @@ def ask_photo(viewer: "Viewer") -> None:
     viewer.photo = True
 
 
+def toggle_film(viewer: "Viewer") -> None:
+    if viewer.filming:
+        viewer.stop_film()
+    else:
+        viewer.start_film()
+
+
 def toggle_help(viewer: "Viewer") -> None:
     viewer.helping = not viewer.helping
 
@@ -135,8 +142,8 @@ def next_demo(viewer: "Viewer") -> None:
 KEYS: dict[str, Callable[["Viewer"], None]] = {
     " ": pause, "r": restart, "backspace": restart, "c": next_color, "k": next_show, "p": ask_photo, "h": toggle_help,
     "tab": toggle_panel, "escape": leave, "w": nearer, "s": farther, "f": look, "j": jump, "g": next_gravity,
-    "m": next_method, "n": next_demo, "left": push(-1.0, 0.0), "right": push(1.0, 0.0), "up": push(0.0, 1.0),
-    "down": push(0.0, -1.0),
+    "v": toggle_film, "m": next_method, "n": next_demo, "left": push(-1.0, 0.0), "right": push(1.0, 0.0),
+    "up": push(0.0, 1.0), "down": push(0.0, -1.0),
 }  # fmt: skip
 HELP = (
     ("drag the jello", "pull it; let go to throw it"),
@@ -157,6 +164,7 @@ HELP = (
     ("C", "color: force, strain, family, plain"),
     ("K", "show: skin, springs, particles"),
     ("P", "save a picture"),
+    ("V", "film, end the film"),
     ("H", "this help"),
     ("Esc", "leave"),
 )

@@ -35,6 +35,14 @@ class Pace:
         self.speed += (frames * frame / seconds - self.speed) * min(1.0, seconds)
         return frames
 
+    def exactly(self, simulation: Any, seconds: float) -> int:
+        """As many whole physics frames as make up `seconds`, however long that takes. Returns how many."""
+        self.rest()
+        frames = max(1, round(self.scale * seconds / simulation.frame_dt))
+        for _ in range(frames):
+            self.frame(simulation)
+        return frames
+
     def frame(self, simulation: Any) -> float:
         """One physics frame; how long it took [s]."""
         start = time.perf_counter()

@@ -7,12 +7,40 @@ import numpy as np
 import taichi as ti
 from taichi.ui.utils import get_field_info
 
+from taichi_jello import runtime
 from taichi_jello.view.ggui import ROW, Ggui
 from taichi_jello.view.legend import Sheet, legend
 from taichi_jello.view.panel import Panel
+from taichi_jello.view.raster import Raster
 from taichi_jello.view.viewer import Viewer
 
 BUTTONS = {ti.ui.LMB: "left", ti.ui.RMB: "right", ti.ui.MMB: "middle"}
+
+
+class Painter:
+    """Puts a drawing into the window of a Ggui.
+
+    Mesa's software driver keeps up to a megabyte of every frame that it draws in three dimensions until the window
+    closes, tens of gigabytes in half an hour. There the rasteriser draws, and GGUI shows its picture."""
+
+    def __init__(self, renderer: Ggui):
+        self._ggui = renderer
+        software = not runtime.has_real_vulkan() and runtime.current().arch not in ("vulkan", "metal")
+        self._raster = Raster(renderer.size, samples=1) if software else None
+
+    def draw(self, viewer: Viewer) -> None:
+        if self._raster is None:
+            self._ggui.draw(viewer.drawing, viewer.viewpoint)
+            return
+        if self._raster.size != viewer.size:
+            self._raster = Raster(viewer.size, samples=1)
+        self._raster.draw(viewer.drawing, viewer.viewpoint)
+        self._shown = self._raster.columns()  # GGUI reads it when the picture is shown
+        self._ggui.canvas.canvas.set_image(get_field_info(self._shown))
+
+    def image(self) -> np.ndarray:
+        """(height, width, 3) uint8: what was drawn last."""
+        return (self._raster or self._ggui).image()
 
 
 class Screen:
@@ -20,6 +48,7 @@ class Screen:
 
     def __init__(self, size: tuple[int, int], title: str):
         self._renderer = Ggui(size, samples=1, window=True, title=title)
+        self._painter = Painter(self._renderer)
         self._window = self._renderer.window
         self._panel = Panel(size)
 
@@ -47,14 +76,14 @@ class Screen:
             self._panel.release()
 
     def show(self, viewer: Viewer) -> None:
-        """Draw the viewer's drawing, sheet and panel; a picture that was asked for holds the legend, but no state or
+        """Draw the viewer's drawing, sheet and panel; pictures that were asked for hold the legend, but no state or
         help."""
-        if viewer.photo:
-            self._renderer.draw(viewer.drawing, viewer.viewpoint)
-            image = self._renderer.image()
+        self._painter.draw(viewer)
+        if viewer.photo or viewer.filming:
+            image = self._painter.image()
             legend(viewer.drawing.key, viewer.simulation.time, viewer.size).stamp(image)
-            viewer.save(image)
-        self._renderer.draw(viewer.drawing, viewer.viewpoint)
+            viewer.take(image)
+            self._painter.draw(viewer)  # reading the picture back has ended it
         self._write(viewer.sheet())
         self._panel.show(self._window.get_gui(), viewer)
         self._renderer.show()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from taichi_jello.film import Film, FilmProblem
 from taichi_jello.record import write_png
 from taichi_jello.scene import COLORS
 from taichi_jello.simulation import Diverged
@@ -23,6 +24,7 @@ from taichi_jello.view.picking import Place, pick
 from taichi_jello.view.plot import plot
 from taichi_jello.view.renderers import drawing_of
 
+FILM_RATE = 30  # frames a second of a film made in the window
 ORBIT = 4.0  # rad for a drag across the whole height of the window
 SHOWS: tuple[tuple[str, frozenset[str]], ...] = (
     ("skin and springs", frozenset()),
@@ -49,6 +51,7 @@ class Viewer:
         self._drawn = 0.0  # s from one drawn frame to the next, lately
         self._button, self._at = "", (0.0, 0.0)
         self._waiting: Callable[[], None] | None = None
+        self._film: Film | None = None
         self.play(simulation)
 
     def play(self, simulation: Any) -> None:
@@ -135,6 +138,8 @@ class Viewer:
             self.pace.rest()
             return 0
         try:
+            if self.filming:
+                return self.pace.exactly(self.simulation, 1.0 / FILM_RATE)
             return self.pace.advance(self.simulation, seconds)
         except Diverged as bad:
             self._stop(bad)
@@ -208,12 +213,51 @@ class Viewer:
             mark(sheet, held, self.viewpoint)
         return sheet
 
+    @property
+    def filming(self) -> bool:
+        return self._film is not None
+
+    def start_film(self) -> None:
+        """From now on the moments FILM_RATE a second go into a film in the folder; says in `notice` which, or why
+        not. Physics waits for each picture, so that none is missing."""
+        film = None
+        try:
+            film = Film(self._named(".mp4"), (self.size[0] // 2 * 2, self.size[1] // 2 * 2), FILM_RATE)
+            self._film = film.__enter__()
+            self.notice = f"filming {film.path.name}; V ends it"
+        except (FilmProblem, OSError) as error:
+            self.notice = f"no film: {error.strerror or error if isinstance(error, OSError) else error}"
+
+    def stop_film(self) -> None:
+        """End the film, if there is one; what was filmed is kept."""
+        film, self._film = self._film, None
+        if film is not None:
+            try:
+                film.__exit__(None, None, None)
+                self.notice = f"saved {film.path.name}: {film.frames} frames"
+            except OSError as error:
+                self.notice = f"film not saved: {error.strerror or error}"
+
+    def take(self, image: np.ndarray) -> None:
+        """A picture of this moment, (height, width, 3) uint8, for whoever asked for one."""
+        if self.photo:
+            self.save(image)
+        if self._film is not None and not self.paused:
+            width, height = self._film.size
+            try:
+                self._film.add(np.ascontiguousarray(image[:height, :width]))
+            except (ValueError, OSError):  # the window has another size now, or the disk is full
+                self.stop_film()
+
+    def _named(self, suffix: str) -> Path:
+        title = "".join(c if c.isalnum() or c in "-_" else "-" for c in self.simulation.scene.title) or "jello"
+        return self.folder / f"{title}-{self.simulation.time:.3f}s{suffix}"
+
     def save(self, image: np.ndarray) -> None:
         """Write the picture into the folder, named after scene and time; says in `notice` where, or why
         not."""
         self.photo = False
-        title = "".join(c if c.isalnum() or c in "-_" else "-" for c in self.simulation.scene.title) or "jello"
-        path = self.folder / f"{title}-{self.simulation.time:.3f}s.png"
+        path = self._named(".png")
         try:
             write_png(path, image)
             self.notice = f"saved {path.name}"
@@ -262,4 +306,5 @@ def play(
             if viewer.catch_up():
                 before = time.perf_counter()
     finally:
+        viewer.stop_film()
         screen.close()

@@ -9,6 +9,8 @@ import sys
 import time
 from pathlib import Path
 
+import av
+import numpy as np
 import pytest
 
 from taichi_jello.view import ggui
@@ -180,10 +182,17 @@ def ask_to_close(display: str, window: int) -> None:
     x11.XCloseDisplay(server)
 
 
-def test_the_close_button_ends_it_cleanly(person):
+def test_the_close_button_ends_it_cleanly_and_keeps_the_film(person):
+    person.press("v", "v")
+    time.sleep(1.0)
     ask_to_close(person.environment["DISPLAY"], int(person.window))
     assert person.viewer.wait(15) == 0
     assert "left" in person.log
+    (film,) = person.folder.glob("*.mp4")
+    with av.open(str(film)) as container:
+        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+    assert len(frames) >= 2 and frames[0].shape == (360, 640, 3)
+    assert np.ptp(frames[0].mean((0, 1))) > 0.5  # a picture, not a grey nothing
 
 
 @pytest.mark.parametrize("person", ["real"], indirect=True)
