@@ -5,15 +5,18 @@ The file holds one JSON object a line: first what was played, then every call wi
 
 import hashlib
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
 
+from taichi_jello.physics.forces.grab import Held
 from taichi_jello.scene import Scene
-from taichi_jello.simulation import Simulation
+from taichi_jello.simulation import Simulation, Snapshot
 
 FORMAT = 1
+BUDGET = 200e6  # bytes of moments that a replay keeps to go back to
 CALLS = ("grab", "move_grab", "release", "push", "tune", "change_method", "reset")
 
 
@@ -117,6 +120,37 @@ class Replay:
                 raise ReplayError(f"{self.path}: was played with {told}")
 
 
+@dataclass(frozen=True)
+class Moment:
+    """All that a play has changed of a simulation until then."""
+
+    snapshot: Snapshot
+    method: str
+    tuning: dict[str, Any]
+    held: Held | None
+    calls: int
+
+    @classmethod
+    def of(cls, simulation: Simulation, calls: int) -> "Moment":
+        return cls(simulation.snapshot(), simulation.method, simulation.tuning, simulation.held, calls)
+
+    @property
+    def bytes(self) -> int:
+        return self.snapshot.x.nbytes + self.snapshot.v.nbytes
+
+    def back_to(self, simulation: Simulation) -> int:
+        """Bring the simulation there; the number of calls that were made before."""
+        if simulation.method != self.method:
+            simulation.change_method(self.method)
+        simulation.tune(**self.tuning)
+        simulation.restore(self.snapshot)
+        if self.held is not None:
+            simulation.grab(self.held.particles, self.held.weights, self.held.target)
+        elif simulation.held is not None:
+            simulation.release()
+        return self.calls
+
+
 class Replayed:
     """A simulation, just made, whose frames repeat a recorded play; else the same. One of the CALLS made by somebody
     else ends the repeating: from there it is a new run. Raises ReplayError if the play was of another simulation."""
@@ -125,7 +159,10 @@ class Replayed:
         replay.check(simulation)
         self.simulation, self.length = simulation, replay.frames
         self.frames, self.repeating = 0, True
-        self._waiting = sorted(replay.calls, key=lambda call: call["frame"])
+        self._calls = sorted(replay.calls, key=lambda call: call["frame"])
+        self._next = 0  # of the calls
+        self._kept: dict[int, Moment] = {}
+        self._every = 1  # frames between two kept moments
 
     def __getattr__(self, name: str) -> Any:
         found = getattr(self.simulation, name)
@@ -139,13 +176,34 @@ class Replayed:
         return call
 
     def frame(self) -> None:
-        while self.repeating and self._waiting and self._waiting[0]["frame"] <= self.frames:
-            call = self._waiting.pop(0)
+        if self.repeating:
+            self._keep()
+        while self.repeating and self._next < len(self._calls) and self._calls[self._next]["frame"] <= self.frames:
+            call = self._calls[self._next]
+            self._next += 1
             if call["call"] != "end":
                 getattr(self.simulation, call["call"])(*call["with"], **call["named"])
         self.simulation.frame()
         self.frames += 1
         self.repeating = self.repeating and self.frames < self.length
+
+    def _keep(self) -> None:
+        """Keep this moment for scrub; every second one goes when they outgrow BUDGET."""
+        if self.frames % self._every or self.frames in self._kept:
+            return
+        self._kept[self.frames] = Moment.of(self.simulation, self._next)
+        if len(self._kept) * self._kept[self.frames].bytes > BUDGET:
+            self._every *= 2
+            self._kept = {frame: moment for frame, moment in self._kept.items() if frame % self._every == 0}
+
+    def scrub(self, frames: int) -> None:
+        """Go forth, or back, by so many frames of the play: from the nearest kept moment before."""
+        wanted = min(max(self.frames + frames, 0), self.length - 1)
+        if wanted < self.frames:
+            self.frames = max(frame for frame in self._kept if frame <= wanted)
+            self._next = self._kept[self.frames].back_to(self.simulation)
+        while self.frames < wanted:
+            self.frame()
 
     @property
     def dt(self) -> float:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 ZOOM = 1.15  # a key press
 PUSH = 1.2  # m/s along the ground
 JUMP = 3.0  # m/s
+SCRUB = 30  # frames of a repeated play
 GRAVITY = 9.81  # m/s² where the scene has none of its own
 ROOM = 1.35  # how much farther the eye goes than where the jello just fits
 
@@ -87,10 +88,14 @@ def jump(viewer: "Viewer") -> None:
 
 
 def push(right: float, forward: float) -> Callable[["Viewer"], None]:
-    """Kicks all jellos along the ground, as the eye sees it; while paused, to the right is one frame on."""
+    """Kicks all jellos along the ground, as the eye sees it; while paused, to the right is one frame on. While a play
+    is repeated, right and left go through it: frame by frame when paused."""
 
     def action(viewer: "Viewer") -> None:
-        if viewer.paused and right > 0.0:
+        if right and getattr(viewer.simulation, "repeating", False):
+            viewer.simulation.scrub(int(right) * (1 if viewer.paused else SCRUB))
+            viewer.notice = f"frame {viewer.simulation.frames} of {viewer.simulation.length}"
+        elif viewer.paused and right > 0.0:
             viewer.step()
         elif viewer.paused:
             viewer.notice = "paused: Space goes on"
@@ -157,6 +162,7 @@ HELP = (
     ("G", "gravity: down, up, off"),
     ("Space", "pause, go on"),
     ("right", "one frame, while paused"),
+    ("left right", "in a replay: back, on"),
     ("R  BackSpace", "start again"),
     ("M", "next method"),
     ("N", "next demo"),
