@@ -280,10 +280,12 @@ def do_shot(chosen: argparse.Namespace) -> None:
 
     path = output(chosen.output, ".png")
     stepped, simulation, _ = make_run(chosen, make_scene(chosen))
+    if chosen.at < simulation.time:
+        raise Mistake(f"--at {chosen.at:g}: expected at least {simulation.time:g} s, where --from begins")
     with last_good_kept(simulation, path):
-        stepped.advance(max(0.0, chosen.at - simulation.time))
+        stepped.advance(chosen.at - simulation.time)
     write_png(path, simulation.render(chosen.size, renderer=chosen.renderer))
-    say(chosen, f"{path}: {simulation.scene.title} at {simulation.time:.4g} s")
+    say(chosen, f"{path}: {simulation.scene.title or chosen.scene} at {simulation.time:.4g} s")
 
 
 def do_video(chosen: argparse.Namespace) -> None:
@@ -340,6 +342,8 @@ def do_play(chosen: argparse.Namespace) -> None:
     if problem is None:
         play_in_window(chosen)
         return
+    if chosen.log:
+        raise Mistake(f"--log {chosen.log}: there is nothing to record without a window: {problem}")
     stepped, simulation, _ = make_run(chosen, make_scene(chosen))
     path = output(f"{Path(chosen.scene).stem}.png", ".png")
     say(chosen, f"no window: {problem}; drawing offscreen instead")

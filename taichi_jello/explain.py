@@ -22,7 +22,7 @@ def facts(simulation: Simulation) -> dict[str, Any]:
         "precision": system.owner.precision,
         "particles": len(body),
         "springs": {name: int(n) for name, n in zip(FAMILY_NAMES, count, strict=True) if n},
-        "form": f"one loop a frame, shared by {system.team}" if system.team else "parallel tasks",
+        "form": _form(system.team),
         "compiled_in": [force.title for force in system.all_forces] + [simulation.method] + system.particles.traits(),
         "left_out": system.absent + system.particles.absent_traits(),
         "fields": dict(fields),
@@ -45,6 +45,12 @@ def facts(simulation: Simulation) -> dict[str, Any]:
         "substeps": simulation.substeps,
         "frame_dt": simulation.frame_dt,
     }
+
+
+def _form(team: int) -> str:
+    if not team:
+        return "parallel tasks"
+    return "one loop a frame on one thread" if team == 1 else f"one loop a frame shared by {team} threads"
 
 
 def text(told: dict[str, Any]) -> str:

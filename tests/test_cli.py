@@ -119,6 +119,14 @@ def test_bad_numbers_exit_with_3_and_keep_the_last_good_state(jello, small, tmp_
         assert np.isfinite(out["x"]).all() and len(out["time"]) >= 1
     # The saved state is one to go on from, with a step that is safe.
     assert jello("run", small, "-o", "on.npz", "--seconds", "0.01", "--from", "out.npz").returncode == 0
+    done = jello("shot", small, "-o", "x.png", "--at", "0", "--from", "on.npz")
+    assert done.returncode == 2 and "--at 0: expected at least" in done.stderr
+
+
+def test_without_a_window_there_is_nothing_to_record(jello, small, tmp_path):
+    done = jello("play", small, "--renderer", "raster", "--log", "play.jsonl")
+    assert done.returncode == 2 and "nothing to record without a window" in done.stderr
+    assert not list(tmp_path.glob("*.jsonl")) and not list(tmp_path.glob("*.png"))
 
 
 @pytest.mark.parametrize("command", [["shot", "-o", "x.png", "--at", "2"], ["play", "--renderer", "raster"]])

@@ -166,3 +166,5 @@ def test_the_command_line_repeats_a_play(tmp_path, request):
         done = jello("run", "-o", "no.npz", *words)
         assert done.returncode == 2 and told in done.stderr and len(done.stderr.splitlines()) == 1, done.stderr
     assert not (tmp_path / "no.npz").exists()
+    done = jello("shot", "-o", "no.png", "--at", "0")
+    assert done.returncode == 0  # before anything was done

@@ -65,7 +65,11 @@ def make_jello(table: Any, key: str) -> Jello:
 
 def scene_from(table: Mapping[str, Any]) -> Scene:
     """The Scene that a file's top-level table describes; raises SceneError with the key of the first mistake."""
-    parts = dict(table)
+    parts, forces = dict(table), kinds(Force, "key")
+    known = [each.name for each in fields(Scene) if each.name != "force"] + list(forces)
+    for name in parts:
+        if name not in known:
+            raise SceneError(name, f"unknown key, expected one of {', '.join(known)}")
     for name, kind in (("solver", Solver), ("contact", Contact), ("camera", Camera)):
         if name in parts:
             parts[name] = make(kind, parts[name], name)
@@ -73,11 +77,10 @@ def scene_from(table: Mapping[str, Any]) -> Scene:
         make_chosen(Collider, "type", one, f"collider.{i}") for i, one in enumerate(rows(table, "collider", ""))
     ]
     parts["jello"] = [make_jello(one, f"jello.{i}") for i, one in enumerate(rows(table, "jello", ""))]
-    unknown = [name for name in parts if name not in {each.name for each in fields(Scene)}]
     parts["force"] = []
-    for name in [name for name in unknown if name in kinds(Force, "key")]:
+    for name in [name for name in table if name in forces]:
         tables = parts.pop(name)
         for i, one in enumerate(tables if isinstance(tables, list) else [tables]):
             key = f"{name}.{i}" if isinstance(tables, list) else name
-            parts["force"].append(make(kinds(Force, "key")[name], one, key))
+            parts["force"].append(make(forces[name], one, key))
     return make(Scene, parts, "")

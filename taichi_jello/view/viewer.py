@@ -44,7 +44,8 @@ class Viewer:
         color = color or simulation.scene.camera.color
         if color not in COLORS:
             raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
-        self.color, self.folder, self.size = color, Path(folder), (1280, 720)
+        # Absolute: while GGUI shows a picture the process works in another folder, and films are written meanwhile.
+        self.folder, self.size = Path(folder).resolve(), (1280, 720)
         self.paused = self.helping = self.panelled = self.leaving = self.photo = False
         self.show = 0
         self.pace = Pace()
@@ -53,10 +54,11 @@ class Viewer:
         self._waiting: Callable[[], None] | None = None
         self._film: Film | None = None
         self.play(simulation)
+        self.color = color
 
     def play(self, simulation: Any) -> None:
         """Show this simulation from now on."""
-        self.simulation = simulation
+        self.simulation, self.color = simulation, simulation.scene.camera.color
         self.drawing: Drawing = drawing_of(simulation)
         self.viewpoint = Viewpoint.of(simulation.scene.camera)
         self.hand: Hand | None = None
@@ -234,7 +236,7 @@ class Viewer:
         if film is not None:
             try:
                 film.__exit__(None, None, None)
-                self.notice = f"saved {film.path.name}: {film.frames} frames"
+                self.notice = f"saved {film.path.name}: {film.frames} frames" if film.kept else "nothing was filmed"
             except OSError as error:
                 self.notice = f"film not saved: {error.strerror or error}"
 

@@ -87,6 +87,7 @@ BOX = '[[jello]]\nshape = "box"\n'
         ("gravity = [0, 1]\n" + BOX, "gravity: expected three numbers"),
         ("gravity = [0, nan, 0]\n" + BOX, "gravity.1: expected a finite number, got nan"),
         ("sunshine = 3\n" + BOX, "sunshine: unknown key"),
+        ("[[force]]\ntype = 'wind'\n" + BOX, "force: unknown key, expected one of"),
         ("drag = -1\n" + BOX, "drag: expected a finite number of at least 0, got -1"),
         ("seconds = true\n" + BOX, "seconds: expected a finite number"),
         ("[solver]\nmethd = 'rk4'\n" + BOX, "solver.methd: unknown key"),

@@ -289,6 +289,22 @@ def test_v_films_exact_moments_and_ends_where_the_size_changes(viewer, tmp_path)
     assert not viewer.filming and len(list(tmp_path.glob("*.mp4"))) == 2
 
 
+def test_a_film_lands_where_the_program_was_started(tmp_path, monkeypatch):
+    """GGUI shows a picture from another working folder, and films are written meanwhile."""
+    monkeypatch.chdir(tmp_path)
+    viewer = Viewer(Still(cube_scene(points=2)))
+    viewer.size = (64, 36)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    viewer.start_film()
+    viewer.take(np.zeros((36, 64, 3), np.uint8))
+    viewer.stop_film()
+    assert len(list(tmp_path.glob("*.mp4"))) == 1
+    viewer.start_film()
+    viewer.stop_film()
+    assert viewer.notice == "nothing was filmed" and len(list(tmp_path.glob("*.mp4"))) == 1
+
+
 def test_a_film_that_cannot_be_is_told(viewer, tmp_path):
     viewer.folder = tmp_path / "nowhere"
     viewer.handle_key("v")

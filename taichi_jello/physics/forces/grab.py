@@ -9,7 +9,7 @@ import taichi as ti
 from taichi_jello.physics.forces._base import ParticleForce, Rates
 from taichi_jello.scene import Force, number
 
-FIRMNESS = 4.0  # of the hand's spring, in typical springs of the body
+FIRMNESS = 2.0  # of the hand's spring, in typical springs of the body
 REACH = 0.5  # of the body's size by which typical springs must stretch to pull as hard as the hand can
 LIFT = 4.0  # the hand can hold at least this many times the weight of all
 
