@@ -12,7 +12,7 @@ from taichi_jello.body import Body, join
 from taichi_jello.physics.colliders.room import Room
 from taichi_jello.physics.forces.grab import Hand, Held
 from taichi_jello.physics.system import System
-from taichi_jello.scene import Scene, SceneError
+from taichi_jello.scene import Scene, SceneError, vector
 
 
 class StepWarning(UserWarning):
@@ -258,21 +258,16 @@ class Simulation:
     def grab(self, particles: Any, weights: Any, target: Any) -> None:
         """Hold the point Σ weights x of one to three particles and pull it to `target` (3,) [m], from now on. Raises
         ValueError if the scene has no Grab() force or the arguments cannot be."""
-        who, share, place = np.asarray(particles, int), np.asarray(weights, float), np.asarray(target, float)
+        who, share, place = np.asarray(particles, int), np.asarray(weights, float), vector("target", target)
         if not 1 <= who.size <= 3 or np.any(who < 0) or np.any(who >= len(self.body)):
             raise ValueError(f"particles: expected 1 to 3 from 0 to {len(self.body) - 1}, got {who.tolist()}")
         if share.shape != who.shape or np.any(share < -1e-6) or not abs(share.sum() - 1.0) < 1e-3:
             raise ValueError(f"weights: expected {who.size} that sum to 1, got {share.tolist()}")
-        if place.shape != (3,) or not np.isfinite(place).all():
-            raise ValueError(f"target: expected 3 finite numbers, got {place.tolist()}")
         self._need_hand().take(who, np.maximum(share, 0.0), place)
 
     def move_grab(self, target: Any) -> None:
         """Move the hand to `target` (3,) [m] in the course of the frame that follows."""
-        place = np.asarray(target, float)
-        if place.shape != (3,) or not np.isfinite(place).all():
-            raise ValueError(f"target: expected 3 finite numbers, got {place.tolist()}")
-        self._need_hand().target = place
+        self._need_hand().target = np.array(vector("target", target))
 
     def release(self) -> None:
         """Let go."""
@@ -280,10 +275,7 @@ class Simulation:
 
     def push(self, velocity: Any, jello: int | None = None) -> None:
         """Add `velocity` (3,) [m/s] to all free particles, or to those of one jello: a kick."""
-        kick = np.asarray(velocity, float)
-        if kick.shape != (3,) or not np.isfinite(kick).all():
-            raise ValueError(f"velocity: expected 3 finite numbers, got {kick.tolist()}")
-        now = self.snapshot()
+        kick, now = np.array(vector("velocity", velocity)), self.snapshot()
         moved = ~self.body.pinned & (True if jello is None else self.body.jello == jello)
         self.restore(Snapshot(now.time, now.x, now.v + moved[:, None] * kick))
 

@@ -1,10 +1,10 @@
 """The demos one after the other, for a window that is asked for the next."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 from taichi_jello import sceneio
+from taichi_jello.physics.forces.grab import Grab, with_hand
 from taichi_jello.scene import Scene
 from taichi_jello.simulation import Simulation
 
@@ -24,11 +24,10 @@ def following(now: Any) -> Simulation:
     Raises ValueError if no demo works."""
     found = list(scenes())
     same = next((k for k, scene in enumerate(found) if scene.title == now.scene.title), -1)
-    hands = [force for force in now.scene.force if force.key == "grab"]
+    hand = next((force for force in now.scene.force if isinstance(force, Grab)), None)
     for scene in found[same + 1 :] + found[: same + 1]:
-        own = any(force.key == "grab" for force in scene.force)
         try:
-            return Simulation(scene if own else replace(scene, force=(*scene.force, *hands)))
+            return Simulation(scene if hand is None else with_hand(scene, hand))
         except ValueError:
             continue
     raise ValueError("no demo was found")

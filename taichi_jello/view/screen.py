@@ -38,9 +38,13 @@ class Painter:
         self._shown = self._raster.columns()  # GGUI reads it when the picture is shown
         self._ggui.canvas.canvas.set_image(get_field_info(self._shown))
 
-    def image(self) -> np.ndarray:
-        """(height, width, 3) uint8: what was drawn last."""
-        return (self._raster or self._ggui).image()
+    def image(self, viewer: Viewer) -> np.ndarray:
+        """(height, width, 3) uint8: what was drawn last, which stays to be shown."""
+        if self._raster is not None:
+            return self._raster.image()
+        image = self._ggui.image()
+        self._ggui.draw(viewer.drawing, viewer.viewpoint)  # reading the picture back has ended it
+        return image
 
 
 class Screen:
@@ -80,10 +84,9 @@ class Screen:
         help."""
         self._painter.draw(viewer)
         if viewer.photo or viewer.filming:
-            image = self._painter.image()
+            image = self._painter.image(viewer)
             legend(viewer.drawing.key, viewer.simulation.time, viewer.size).stamp(image)
             viewer.take(image)
-            self._painter.draw(viewer)  # reading the picture back has ended it
         self._write(viewer.sheet())
         self._panel.show(self._window.get_gui(), viewer)
         self._renderer.show()

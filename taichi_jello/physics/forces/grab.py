@@ -1,13 +1,13 @@
 """A hand that holds one point of a jello's surface by a damped spring and pulls it along."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces._base import ParticleForce, Rates
-from taichi_jello.scene import Force, number
+from taichi_jello.scene import Force, Scene, number
 
 FIRMNESS = 2.0  # of the hand's spring, in typical springs of the body
 REACH = 0.5  # of the body's size by which typical springs must stretch to pull as hard as the hand can
@@ -25,6 +25,12 @@ class Grab(Force):
 
     def check(self):
         return {name: number(name, getattr(self, name), low=0.0) for name in ("stiffness", "limit")}
+
+
+def with_hand(scene: Scene, grab: Grab | None = None) -> Scene:
+    """The scene with a hand that can grab its jellos: its own if it has one, else `grab`, by default a Grab()."""
+    own = any(isinstance(force, Grab) for force in scene.force)
+    return scene if own else replace(scene, force=(*scene.force, grab or Grab()))
 
 
 @dataclass(frozen=True)
