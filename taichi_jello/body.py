@@ -16,6 +16,8 @@ class Body:
     springs (S, 2): particle pairs, the lower index first; rest_length, stiffness, damping (S,);
     family (S,): 0 structural, 1 shear, 2 bend, 3 other; direction (S, 3): unit vector between the rest positions,
     which decides where a spring of no length pushes. surface (T, 3): outward, counter-clockwise triangles.
+    cells (C, 8): the corners of the hexahedra that fill a solid body, corner 4a + 2b + c at a, b, c ∈ {0, 1} steps
+    along its x, y and z; none for a sheet or a rope.
     """
 
     rest: np.ndarray
@@ -31,6 +33,7 @@ class Body:
     family: np.ndarray
     direction: np.ndarray
     surface: np.ndarray
+    cells: np.ndarray
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -41,12 +44,12 @@ class Body:
 
 
 def join(bodies: list[Body]) -> Body:
-    """All bodies as one; indices of springs and triangles follow their particles."""
+    """All bodies as one; indices of springs, triangles and cells follow their particles."""
     starts = np.cumsum([0] + [len(body) for body in bodies])
     parts: dict[str, np.ndarray] = {}
     for each in fields(Body):
         arrays = [getattr(body, each.name) for body in bodies]
-        if each.name in ("springs", "surface"):
+        if each.name in ("springs", "surface", "cells"):
             arrays = [a + start for a, start in zip(arrays, starts, strict=False)]
         elif each.name == "jello":
             arrays = [np.full_like(a, index) for index, a in enumerate(arrays)]

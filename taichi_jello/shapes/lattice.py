@@ -45,6 +45,14 @@ def surface(index: np.ndarray) -> np.ndarray:
     return np.concatenate(triangles).astype(np.int32) if triangles else np.zeros((0, 3), np.int32)
 
 
+def hexahedra(index: np.ndarray) -> np.ndarray:
+    """(C, 8) corners of the cells between the points of the grid, the last axis fastest; see Body.cells."""
+    if min(index.shape) < 2:
+        return np.zeros((0, 8), np.int32)
+    ends = (slice(None, -1), slice(1, None))
+    return np.stack([index[a, b, c].ravel() for a in ends for b in ends for c in ends], 1).astype(np.int32)
+
+
 def rotation(degrees: Vector) -> np.ndarray:
     """The matrix that turns about x, then y, then z."""
     (cx, cy, cz), (sx, sy, sz) = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
@@ -104,4 +112,5 @@ class Box(Jello):
             family=kind,
             direction=lower_first * step / length[:, None],
             surface=surface(index),
+            cells=hexahedra(index),
         )

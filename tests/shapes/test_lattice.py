@@ -108,3 +108,12 @@ def test_what_cannot_be_is_named(wrong, key):
     with pytest.raises(SceneError) as caught:
         Box(**wrong)
     assert caught.value.key == key and "expected" in caught.value.problem
+
+
+@pytest.mark.parametrize("points", [(4, 3, 2), (1, 4, 3), (5, 1, 1)])
+def test_cells_fill_the_box(points):
+    body = Box(points=points, size=(1.0, 2.0, 3.0)).body()
+    solid = min(points) > 1
+    assert len(body.cells) == (np.prod(np.array(points) - 1) if solid else 0)
+    edges = body.rest[body.cells][:, [4, 2, 1]] - body.rest[body.cells][:, :1]  # along x, y and z
+    assert np.linalg.det(edges).sum() == pytest.approx(6.0 if solid else 0.0)
