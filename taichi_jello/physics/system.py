@@ -55,6 +55,7 @@ class System:
         self.in_passes = tuple(sorted(passes, key=lambda force: not isinstance(force, Springs)))
         self.springs_first = any(isinstance(force, Springs) for force in passes)
         self.one_by_one = tuple(force for force in self.all_forces if not force.in_passes)
+        self.prepared = tuple(force for force in self.all_forces if force.prepares)
         self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
         self.integrator = Scheme(self.memory, self.state, damped=any(f.reads_velocity for f in self.all_forces))
         if self.team > 1:
@@ -97,6 +98,13 @@ class System:
         (Everywhere in the step `f[i] = f[i] + …`, since Taichi makes `f[i] += …` an atomic addition in a parallel
         loop: measured, it halves the speed.)"""
         self.wait_for_team()  # until x and v of all particles are there
+        if ti.static(len(self.prepared) > 0):
+            for force in ti.static(self.prepared):
+                if ti.static(self.team > 1):
+                    force.prepare(self._share(first, force.points), self._share(last, force.points), x, v, t)
+                else:
+                    force.prepare(0, force.points, x, v, t)
+            self.wait_for_team()  # until what the forces prepare is there
         for p in range(first // self.lanes, (last + self.lanes - 1) // self.lanes):
             start = p * self.lanes
             end = ti.min(start + self.lanes, last)
@@ -111,6 +119,11 @@ class System:
                     total += force.on(i, x, v, t)
                 a[i] = total * self.particles.inverse_mass(i)
         self.wait_for_team()  # until nobody needs x and v any more
+
+    @ti.func
+    def _share(self, particle, points):
+        """Where the points of a force are cut for a member of the team whose particles are cut at `particle`."""
+        return ti.cast(ti.cast(particle, ti.i64) * points // self.count, ti.i32)
 
     @ti.func
     def wait_for_team(self):

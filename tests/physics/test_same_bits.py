@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+import taichi as ti
 
 from taichi_jello import Box, Plane, Room, Scene, Simulation, Sphere, runtime
+from taichi_jello.physics import system
+from taichi_jello.physics.forces._base import ParticleForce
 from taichi_jello.physics.integrators import schemes
 
 SCENE = Scene(
@@ -20,10 +23,10 @@ SCENE = Scene(
 )
 
 
-def final_state(arch, precision, threads, **form):
+def final_state(arch, precision, threads, frames=12, **form):
     runtime.start(arch, precision, threads)
     simulation = Simulation(SCENE, substeps=60, **form)
-    simulation.step(60 * 12)
+    simulation.step(60 * frames)
     return simulation.x, simulation.v
 
 
@@ -48,3 +51,41 @@ def test_same_bits_twice_from_the_same_simulation(best_precision):
     simulation.reset()
     simulation.advance(0.2)
     assert np.array_equal(once.x, simulation.x) and np.array_equal(once.v, simulation.v)
+
+
+@ti.data_oriented
+class Herd(ParticleForce):
+    """Every particle is drawn to one of 37 points, which are means of particles far from each other."""
+
+    title, prepares, points = "herd", True, 37
+
+    def __init__(self, particles):
+        self.count = particles.count
+        self.middle = particles.memory.table(self.title, "middle", np.zeros((self.points, 3)))
+
+    @classmethod
+    def made_for(cls, scene, particles):
+        return [cls(particles)]
+
+    @ti.func
+    def prepare(self, first, last, x, v, t):
+        for k in range(first, last):
+            total = ti.Vector([0.0, 0.0, 0.0])
+            for other in range(8):
+                total += x[(k * 131 + other * 97) % self.count]
+            self.middle[k] = total / 8.0
+
+    @ti.func
+    def on(self, i, x, v, t):
+        return 0.05 * (self.middle[i % self.points] - x[i])
+
+
+@pytest.mark.filterwarnings("ignore:dt = ")
+def test_same_bits_where_a_force_prepares(monkeypatch, request):
+    arch, kinds = request.config.getoption("--arch"), system.force_kinds()
+    monkeypatch.setattr(system, "force_kinds", lambda: [*kinds, Herd])
+    teams = (1, 2, 0) if arch == "cpu" else (0, 0)
+    runs = [final_state(arch, "f32", 2, 1, method="symplectic-euler", team=team) for team in teams]
+    assert all(np.array_equal(runs[0], run) for run in runs[1:])
+    monkeypatch.undo()
+    assert not np.array_equal(runs[0], final_state(arch, "f32", 2, 1, method="symplectic-euler"))

@@ -27,12 +27,19 @@ class ParticleForce:
     `t` seconds after the current frame began, or, with `in_passes`, `@ti.func on_pass(self, first, last, x, v, t, f)`,
     which adds the forces on the particles first … last - 1 of one pass (see Memory.lanes) to f; and, if `energy_kind`
     is set, `@ti.func energy(self, i, x, t)` [J].
+
+    With `prepares` it also defines `points`, a whole number, and `@ti.func prepare(self, first, last, x, v, t)`, one
+    loop over its own points first … last - 1, each of which writes to its own place only. The members of a team
+    share the points, and all of them are done before any force on a particle is asked for.
     """
 
     title: ClassVar[str]
     energy_kind: ClassVar[str | None] = None
     reads_velocity: bool = False
     in_passes: bool = False
+    prepares: bool = False
+    points: int = 0
+    prepare: Any
 
     @classmethod
     def made_for(cls, scene: Scene, particles: Particles) -> list[Any]:
