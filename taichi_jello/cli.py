@@ -15,6 +15,7 @@ import taichi_jello.sceneio as sceneio
 from taichi_jello import runtime
 from taichi_jello.options import options, studies
 from taichi_jello.physics.forces.grab import with_hand
+from taichi_jello.progress import bar
 from taichi_jello.replay import Recorded, Replay, Replayed, ReplayError
 from taichi_jello.scene import Scene, SceneError, override
 from taichi_jello.simulation import Diverged, Simulation
@@ -72,15 +73,15 @@ def make_run(chosen: argparse.Namespace, scene: Scene) -> tuple[Any, Simulation,
         raise Mistake(f"--replay {error}") from None
 
 
-def output(name: str, suffix: str) -> Path:
+def output(name: str, *suffixes: str, option: str = "-o") -> Path:
     """The path of a file to be written, checked before any work is done for it."""
     path = Path(name)
-    if path.suffix != suffix:
-        raise Mistake(f"-o {name}: expected a name ending in {suffix}")
+    if suffixes and path.suffix not in suffixes:
+        raise Mistake(f"{option} {name}: expected a name ending in {' or '.join(suffixes)}")
     if path.is_dir() or not path.parent.is_dir():
-        raise Mistake(f"-o {name}: expected a file in a folder that exists")
+        raise Mistake(f"{option} {name}: expected a file in a folder that exists")
     if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
-        raise Mistake(f"-o {name}: may not be written")
+        raise Mistake(f"{option} {name}: may not be written")
     return path
 
 
@@ -90,16 +91,6 @@ def write_json(name: str | None, told: Any) -> None:
             Path(name).write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
         except OSError as error:
             raise Mistake(f"--json {name}: {error.strerror}") from None
-
-
-def bar(chosen: argparse.Namespace, steps: Any, text: str) -> Any:
-    """The steps, with a progress bar where somebody watches."""
-    if chosen.quiet or not sys.stderr.isatty():
-        return steps
-    from rich.console import Console
-    from rich.progress import track
-
-    return track(steps, description=text, console=Console(stderr=True), transient=True)
 
 
 def say(chosen: argparse.Namespace, text: str) -> None:
@@ -122,7 +113,7 @@ def do_run(chosen: argparse.Namespace) -> None:
     total = round(seconds / stepped.dt)
     trajectory.add()
     try:
-        for done in bar(chosen, range(0, total, per_save), scene.title):
+        for done in bar(range(0, total, per_save), scene.title, quiet=chosen.quiet):
             stepped.step(min(per_save, total - done))
             trajectory.add()
     except Diverged:
@@ -180,7 +171,7 @@ def do_video(chosen: argparse.Namespace) -> None:
         raise Mistake(f"-o {chosen.output}: {error}") from None
     try:
         with last_good_kept(simulation, path.with_name(f"{film.stem}.npz")), contextlib.closing(camera), film:
-            for k in bar(chosen, range(count), simulation.scene.title):
+            for k in bar(range(count), simulation.scene.title, quiet=chosen.quiet):
                 clock.go(k)
                 film.add(camera.take())
     except (KeyboardInterrupt, Diverged):
@@ -236,12 +227,29 @@ def do_explain(chosen: argparse.Namespace) -> None:
 
 
 def do_study(chosen: argparse.Namespace) -> None:
+    from taichi_jello.studies import _report
+
     found = studies()
     if chosen.name not in found:
         raise Mistake(f"study: expected one of {', '.join(found)}, got {chosen.name!r}")
-    told = found[chosen.name].measure(chosen)
-    write_json(chosen.json, told)
-    say(chosen, found[chosen.name].text(told))
+    study = found[chosen.name]
+    for option, function in (("--plot", "plot"), ("--csv", "rows")):
+        if getattr(chosen, function if function == "plot" else "csv") and not hasattr(study, function):
+            raise Mistake(f"{option}: the study {chosen.name} has none")
+    json_path = output(chosen.json, option="--json") if chosen.json else None
+    csv_path = output(chosen.csv, option="--csv") if chosen.csv else None
+    plot_path = output(chosen.plot, *getattr(study, "PLOTS", _report.FIGURES), option="--plot") if chosen.plot else None
+    told = study.measure(chosen)
+    say(chosen, study.text(told))
+    if json_path:
+        _report.write_json(json_path, told)
+    if csv_path:
+        _report.write_csv(csv_path, study.rows(told))
+    if plot_path:
+        try:
+            study.plot(told, plot_path)
+        except _report.Lacking as error:
+            raise Mistake(f"--plot {plot_path}: {error}") from None
 
 
 def main(arguments: list[str] | None = None) -> int:

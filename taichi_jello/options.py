@@ -119,6 +119,9 @@ def options() -> Parser:
     study.add_argument("name", metavar="NAME", help=f"one of {', '.join(studies())}")
     study.add_argument("scene", metavar="SCENE", nargs="?")
     study.add_argument("--json", metavar="FILE", help="write the figures there too")
+    study.add_argument("--csv", metavar="FILE", help="write them as a table there too")
+    study.add_argument("--plot", metavar="FILE", help="draw them there")
+    study.add_argument("--seconds", type=positive, metavar="S", help="how long to simulate, instead of the study's own")
     study.add_argument("--quick", action="store_true", help="a reduced ladder")
     return parser
 

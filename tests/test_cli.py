@@ -175,6 +175,7 @@ MISTAKES = [
     (("shot", "small.toml", "-o", "x.png", "--arch", "tpu"), "invalid choice: 'tpu'"),
     (("explain", "small.toml", "--json", "no/such.json"), "--json no/such.json: No such file"),
     (("study", "beauty"), "study: expected one of"),
+    (("study", "speed", "--plot", "x.png"), "--plot: the study speed has none"),
     (("dance",), "invalid choice: 'dance'"),
 ]
 

@@ -2,7 +2,6 @@
 
 import argparse
 import os
-import platform
 import resource
 import statistics
 import subprocess
@@ -11,35 +10,19 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import taichi as ti
 
-from taichi_jello import __version__, runtime
+from taichi_jello import runtime
 from taichi_jello.body import Body
 from taichi_jello.scene import Camera, Scene, Solver
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Simulation, StepWarning
+from taichi_jello.studies._report import headline, machine, spread
 
 DT = 1e-6  # s; so short that nothing moves far: every pass does the same work
-REPEATS = 9
-
-
-def spread(run: Callable[[], Any], least_seconds: float) -> dict[str, float]:
-    """Minimum and median seconds of REPEATS timings of `run`, each repeated to last at least `least_seconds`."""
-    run()
-    start = time.perf_counter()
-    run()
-    times = max(1, round(least_seconds / max(time.perf_counter() - start, 1e-9)))
-    found = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        for _ in range(times):
-            run()
-        found.append((time.perf_counter() - start) / times)
-    return {"min": min(found), "median": statistics.median(found)}
 
 
 def numpy_step(body: Body) -> Callable[[], None]:
@@ -146,13 +129,6 @@ def start_up() -> dict[str, float]:
     return {state: statistics.median(times) for state, times in found.items()}
 
 
-def processor() -> str:
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.is_file() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return (names or [platform.processor() or platform.machine()])[0]
-
-
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """All figures; with --quick small lattices and short timings."""
     arch, cores = runtime.choose_arch(chosen.arch), runtime.usable_cores()
@@ -165,13 +141,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     precisions = ["f32"] if arch in ("vulkan", "metal") else ["f32", "f64"]
     rows += [kernel_row(8, arch, number, 1, "rk4", least) for number in precisions]
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    return {
-        "version": __version__,
-        "taichi": ".".join(map(str, ti.__version__)),
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-        "processor": processor(),
-        "cores": len(cores),
+    return machine() | {
         "kernels": rows,
         "numpy_gather": [numpy_row(n, least) for n in sizes[:3]],
         "renderers": renderer_rows(arch, least),
@@ -183,7 +153,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
 def text(told: dict[str, Any]) -> str:
     """The figures as tables."""
     lines = [
-        f"{told['processor']}, {told['cores']} cores; Python {told['python']}, Taichi {told['taichi']}",
+        headline(told),
         "    n  arch  number  threads  method            form      us a pass (median)  M springs/s  ns each  B each",
     ]
     for row in told["kernels"]:

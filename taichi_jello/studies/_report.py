@@ -1,0 +1,130 @@
+"""What every study needs: the machine it ran on, timings with their spread, tables, and figures as files."""
+
+import csv
+import json
+import math
+import platform
+import statistics
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello import __version__, runtime
+
+REPEATS = 9
+FIGURES = (".png", ".svg", ".pdf")  # what matplotlib writes
+INSTALL = "pip install 'taichi_jello[study]'"
+
+
+class Lacking(Exception):
+    """A package that is not here: one line for the person, with what installs it."""
+
+
+def machine() -> dict[str, Any]:
+    """Versions and processor, the beginning of every study's JSON."""
+    return {
+        "version": __version__,
+        "taichi": ".".join(map(str, ti.__version__)),
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+        "processor": processor(),
+        "cores": len(runtime.usable_cores()),
+    }
+
+
+def processor() -> str:
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return (names or [platform.processor() or platform.machine()])[0]
+
+
+def headline(told: Mapping[str, Any]) -> str:
+    """One line of what `machine` said."""
+    return f"{told['processor']}, {told['cores']} cores; Python {told['python']}, Taichi {told['taichi']}"
+
+
+def spread(run: Callable[[], Any], least: float, repeats: int = REPEATS) -> dict[str, float]:
+    """Minimum and median seconds of `run`; each timing repeats it to last at least `least` seconds."""
+    return interleaved([run], least, repeats)[0]
+
+
+def interleaved(runs: Sequence[Callable[[], Any]], least: float, repeats: int = REPEATS) -> list[dict[str, float]]:
+    """Minimum and median seconds of each of `runs`. They take turns, so that a machine which slows down for a while
+    slows all of them; each is warmed up first and repeated to last at least `least` seconds a timing."""
+    times, found = [], [[] for _ in runs]  # type: ignore[var-annotated]
+    for run in runs:
+        run()
+        start = time.perf_counter()
+        run()
+        times.append(max(1, round(least / max(time.perf_counter() - start, 1e-9))))
+    for _ in range(repeats):
+        for run, count, seconds in zip(runs, times, found, strict=True):
+            start = time.perf_counter()
+            for _ in range(count):
+                run()
+            seconds.append((time.perf_counter() - start) / count)
+    return [{"min": min(seconds), "median": statistics.median(seconds)} for seconds in found]
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Columns under their heads, as wide as their widest cell: text to the left, the rest to the right."""
+    cells = [[cell if isinstance(cell, str) else f"{cell:.4g}" for cell in row] for row in rows]
+    lines = [list(heads), *cells]
+    left = [all(isinstance(row[k], str) and not row[k][:1].isdigit() for row in cells) for k in range(len(heads))]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(heads))]
+
+    def laid(line: Sequence[str]) -> str:
+        return "  ".join(c.ljust(w) if at_left else c.rjust(w) for c, w, at_left in zip(line, widths, left, strict=True))
+
+    return "\n".join(laid(line).rstrip() for line in lines)
+
+
+def write_json(path: Path, told: Any) -> None:
+    """Write the figures; a number that is not finite becomes null, which every JSON reader knows."""
+    path.write_text(json.dumps(_plain(told), indent=1) + "\n", encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_plain(part) for part in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write one line a row under the keys of the first; a dictionary within becomes columns such as seconds.min."""
+    flat = [dict(_columns(row)) for row in rows]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(flat[0]) if flat else [])
+        writer.writeheader()
+        writer.writerows(flat)
+
+
+def _columns(row: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, Any]]:
+    for key, value in row.items():
+        if isinstance(value, Mapping):
+            yield from _columns(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def new_figure(width: float, height: float) -> Any:
+    """An empty matplotlib figure of that size [inches], drawn without a screen. Raises Lacking."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise Lacking(f"needs matplotlib: {INSTALL}") from None
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def save_figure(figure: Any, path: Path) -> None:
+    """Write it; the same figure gives the same bytes."""
+    figure.savefig(path, dpi=110, metadata={"Software": None} if path.suffix == ".png" else None)
