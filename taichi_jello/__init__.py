@@ -11,10 +11,14 @@ from taichi_jello.physics.colliders.sphere import Sphere
 from taichi_jello.physics.forces.field import CallableField, GridField, UniformField
 from taichi_jello.physics.forces.grab import Grab
 from taichi_jello.scene import Camera, Contact, Pin, Scene, SceneError, Solver
+from taichi_jello.shapes.ball import Ball
 from taichi_jello.shapes.lattice import Box
+from taichi_jello.shapes.rope import Rope
+from taichi_jello.shapes.sheet import Sheet
 from taichi_jello.simulation import Diverged, Simulation, Snapshot
 
 __all__ = [
+    "Ball",
     "Box",
     "CallableField",
     "Camera",
@@ -25,8 +29,10 @@ __all__ = [
     "Pin",
     "Plane",
     "Room",
+    "Rope",
     "Scene",
     "SceneError",
+    "Sheet",
     "Simulation",
     "Snapshot",
     "Solver",
