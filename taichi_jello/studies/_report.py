@@ -79,7 +79,9 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     widths = [max(len(line[k]) for line in lines) for k in range(len(heads))]
 
     def laid(line: Sequence[str]) -> str:
-        return "  ".join(c.ljust(w) if at_left else c.rjust(w) for c, w, at_left in zip(line, widths, left, strict=True))
+        return "  ".join(
+            c.ljust(w) if at_left else c.rjust(w) for c, w, at_left in zip(line, widths, left, strict=True)
+        )
 
     return "\n".join(laid(line).rstrip() for line in lines)
 
