@@ -20,6 +20,7 @@ from taichi_jello.replay import Recorded, Replay, Replayed, ReplayError
 from taichi_jello.scene import Scene, SceneError, override
 from taichi_jello.simulation import Diverged, Simulation
 from taichi_jello.trajectory import Trajectory, last_moment
+from taichi_jello.words import counted
 
 
 class Mistake(Exception):
@@ -123,7 +124,10 @@ def do_run(chosen: argparse.Namespace) -> None:
         raise
     trajectory.save(path)
     energy = ", ".join(f"{name} {value:.4g}" for name, value in simulation.energies().items())
-    say(chosen, f"{path}: {len(trajectory.moments)} moments to {simulation.time:.6g} s; energies [J] {energy}")
+    say(
+        chosen,
+        f"{path}: {counted(len(trajectory.moments), 'moment')} to {simulation.time:.6g} s; energies [J] {energy}",
+    )
 
 
 @contextlib.contextmanager
@@ -178,7 +182,7 @@ def do_video(chosen: argparse.Namespace) -> None:
         told = f"{path} has the first {film.frames} of {count} frames" if film.kept else "no film is kept"
         print(f"jello: stopped; {told}", file=sys.stderr)
         raise
-    say(chosen, f"{path}: {film.frames} frames, {float(film.frames / film.rate):.4g} s")
+    say(chosen, f"{path}: {counted(film.frames, 'frame')}, {float(film.frames / film.rate):.4g} s")
 
 
 def play_in_window(chosen: argparse.Namespace) -> None:
@@ -194,7 +198,7 @@ def play_in_window(chosen: argparse.Namespace) -> None:
         raise Mistake(f"--log {chosen.log}: {error.strerror or error}") from None
     with contextlib.closing(recorded):
         play(recorded, size=chosen.size, seconds=chosen.seconds)
-    say(chosen, f"{chosen.log}: {recorded.frames} frames recorded")
+    say(chosen, f"{chosen.log}: {counted(recorded.frames, 'frame')} recorded")
 
 
 def do_play(chosen: argparse.Namespace) -> None:

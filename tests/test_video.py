@@ -230,6 +230,49 @@ def test_a_full_disk_is_one_line_and_leaves_the_old_film(name, jello, small, tmp
     assert (tmp_path / name).read_text() == "old"
 
 
+KILLED = """
+import os, sys
+import numpy as np
+from taichi_jello.film import Film
+picture = np.random.default_rng(0).integers(0, 255, (64, 96, 3), np.uint8)
+with Film("x.mp4", (96, 64), 30) as film:
+    while film.frames < 120:
+        film.add(np.roll(picture, 3 * film.frames, 1))
+    os.kill(os.getpid(), 9)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_a_process_that_is_killed_leaves_a_film_that_plays(tmp_path):
+    """All but the second that is not yet written and what the encoder looks ahead, 40 frames and a few a thread."""
+    assert subprocess.run([sys.executable, "-c", KILLED], cwd=tmp_path, timeout=60).returncode == -9
+    (folder,) = tmp_path.glob("*.part")
+    assert not folder.name.startswith(".")
+    times, _ = decoded(folder / "x.mp4")
+    assert len(times) >= 30 and times == [Fraction(k, 30) for k in range(len(times))]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit on a file's size")
+@pytest.mark.parametrize(
+    "name, room, plays", [("x.mp4", 150_000, True), ("x.mp4", 3000, False), ("x.gif", 90_000, True)]
+)
+def test_a_disk_that_fills_up_may_keep_what_it_has(name, room, plays, tmp_path):
+    import resource
+
+    picture = np.random.default_rng(0).integers(0, 255, (64, 96, 3), np.uint8)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
+    try:
+        with pytest.raises(OSError, match=name), Film(tmp_path / name, (96, 64), 30, keep=(OSError,)) as film:
+            for k in range(300):
+                film.add(np.roll(picture, 3 * k, 1))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert film.kept == plays and [p.name for p in tmp_path.iterdir()] == [name] * plays
+    if plays and name == "x.mp4":
+        assert 30 <= len(decoded(tmp_path / name)[0]) <= film.frames
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_ctrl_c_leaves_a_film_that_plays(small, tmp_path):
     command = [sys.executable, "-m", "taichi_jello", "video", small, "-o", "out.mp4", "--seconds", "600"]

@@ -43,9 +43,10 @@ class Film:
     width, 3) uint8, or Mesh; they are encoded later, so nobody may write into them after `add`.
 
     The target appears, or is replaced, when the block ends: normally or with one of the exceptions `keep`, by default
-    Ctrl-C, and at least one frame. Any other exception leaves what was there. Raises FilmProblem for a film that cannot
-    be; `add` and the block's end raise OSError if the file cannot be written. `frames` counts what is encoded, `kept`
-    tells whether it is in its place.
+    Ctrl-C, and at least one frame. Any other exception leaves what was there. Until then the film is in a folder
+    beside it whose name ends in .part; a process that is killed leaves it there. Raises FilmProblem for a film that
+    cannot be; `add` and the block's end raise OSError if the file cannot be written, but with OSError among `keep` what
+    was written before is placed all the same. `frames` counts what is encoded, `kept` tells whether it is in its place.
     """
 
     def __init__(
@@ -81,7 +82,7 @@ class Film:
         self._problem: BaseException | None = None
         self._queue: Queue[Any] = Queue(WAITING)
         with self._told():
-            self._folder = Path(tempfile.mkdtemp(prefix=f".{self.stem}.", suffix=".part", dir=self.path.parent))
+            self._folder = Path(tempfile.mkdtemp(prefix=f"{self.stem}.", suffix=".part", dir=self.path.parent))
             try:
                 self._writer = self._format(self._folder, self.path.name, self.size, self.rate)
             except BaseException:
@@ -108,6 +109,8 @@ class Film:
             self._queue.put(None)
             self._thread.join()
             if kind is None or issubclass(kind, self._keep):
+                if isinstance(self._problem, self._keep) and self._writer.mend():
+                    self._place()
                 self._raise_problem()
                 self._place()
         finally:

@@ -58,6 +58,10 @@ class Writer(ABC):
     def close(self) -> None:  # noqa: B027 - a sequence has nothing to finish
         """Finish the file."""
 
+    def mend(self) -> bool:
+        """Make what could be written before it failed a file that plays; False if it cannot be one."""
+        return True
+
     def path(self, number: int = 0) -> Path:
         """The file that frame `number` goes into."""
         return self.folder / (self.name % number if self.sequence else self.name)

@@ -3,6 +3,7 @@
 import contextlib
 import ctypes
 import os
+import select
 import sys
 import tempfile
 
@@ -70,6 +71,16 @@ def _has_screen() -> bool:
             return False
         _screens[name] = connection
     return True
+
+
+def screen_is_gone() -> bool:
+    """Whether the X server that answered has left since."""
+    if not _screens:
+        return False
+    connection = ctypes.c_void_p(_screens[os.environ.get("DISPLAY", "")])
+    asked = select.poll()
+    asked.register(ctypes.CDLL("libX11.so.6").XConnectionNumber(connection), select.POLLRDHUP)
+    return bool(asked.poll(500))  # ms: of two connections one hears of it first
 
 
 def _vertices(x: np.ndarray, color: np.ndarray) -> np.ndarray:
@@ -184,7 +195,11 @@ class Ggui:
             with contextlib.chdir(self._desk.name):
                 self.window.destroy()
             self.window = None
-            self._desk.cleanup()
+            self.leave_desk()
+
+    def leave_desk(self) -> None:
+        """Remove the folder that GGUI works in."""
+        self._desk.cleanup()
 
 
 def _background() -> np.ndarray:

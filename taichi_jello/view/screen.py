@@ -1,6 +1,7 @@
 """The window itself: GGUI's events turned into what a Viewer understands, and its sheet drawn over the
 picture."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,8 @@ import taichi as ti
 from taichi.ui.utils import get_field_info
 
 from taichi_jello import runtime
-from taichi_jello.view.ggui import ROW, Ggui
+from taichi_jello.view.ggui import ROW, Ggui, require, screen_is_gone
+from taichi_jello.view.lastwords import LastWords
 from taichi_jello.view.legend import Sheet, legend
 from taichi_jello.view.panel import Panel
 from taichi_jello.view.raster import Raster
@@ -48,13 +50,21 @@ class Painter:
 
 
 class Screen:
-    """One window of `size` (width, height) [pixels]. Raises RuntimeProblem where none can be opened."""
+    """One window of `size` (width, height) [pixels]. Raises RuntimeProblem where none can be opened. If it is lost,
+    `keep` is called, and the process ends with what it says."""
 
-    def __init__(self, size: tuple[int, int], title: str):
+    def __init__(self, size: tuple[int, int], title: str, keep: Callable[[], str] = str):
+        require(window=True)
+        self._keep = keep
+        self._last_words = LastWords(self._lost, screen_is_gone)
         self._renderer = Ggui(size, samples=1, window=True, title=title)
         self._painter = Painter(self._renderer)
         self._window = self._renderer.window
         self._panel = Panel(size)
+
+    def _lost(self) -> str:
+        self._renderer.leave_desk()
+        return self._keep()
 
     @property
     def running(self) -> bool:
@@ -89,20 +99,22 @@ class Screen:
             viewer.take(image)
         self._write(viewer.sheet())
         self._panel.show(self._window.get_gui(), viewer)
-        self._renderer.show()
+        with self._last_words.hushed():
+            self._renderer.show()
 
     def close(self) -> None:
         self._renderer.close()
+        self._last_words.close()
 
     def _write(self, sheet: Sheet) -> None:
-        self._keep = [_rectangles(sheet)] if sheet.quads else []
+        self._rows = [_rectangles(sheet)] if sheet.quads else []
         canvas, none = self._renderer.canvas.canvas, get_field_info(None)
-        for rows in self._keep:
+        for rows in self._rows:
             canvas.triangles(get_field_info(rows), none, True, (1.0, 1.0, 1.0))
         drawn: list[Any] = [*sheet.lines, *sheet.texts]
         for width in sorted({stroke.width for stroke in drawn}, reverse=True):
             rows = _pen_strokes([stroke for stroke in drawn if stroke.width == width], sheet.size)
-            self._keep.append(rows)
+            self._rows.append(rows)
             canvas.lines(get_field_info(rows), none, True, (1.0, 1.0, 1.0), width / sheet.size[1])
 
 

@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Callable
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from taichi_jello.view.pace import Pace
 from taichi_jello.view.picking import Place, pick
 from taichi_jello.view.plot import plot
 from taichi_jello.view.renderers import drawing_of
+from taichi_jello.words import counted
 
 FILM_RATE = 30  # frames a second of a film made in the window
 ORBIT = 4.0  # rad for a drag across the whole height of the window
@@ -224,7 +226,7 @@ class Viewer:
         not. Physics waits for each picture, so that none is missing."""
         film = None
         try:
-            film = Film(self._named(".mp4"), (self.size[0] // 2 * 2, self.size[1] // 2 * 2), FILM_RATE)
+            film = Film(self._named(".mp4"), (self.size[0] // 2 * 2, self.size[1] // 2 * 2), FILM_RATE, keep=(OSError,))
             self._film = film.__enter__()
             self.notice = f"filming {film.path.name}; V ends it"
         except (FilmProblem, OSError) as error:
@@ -236,9 +238,19 @@ class Viewer:
         if film is not None:
             try:
                 film.__exit__(None, None, None)
-                self.notice = f"saved {film.path.name}: {film.frames} frames" if film.kept else "nothing was filmed"
+                told = f"saved {film.path.name}: {counted(film.frames, 'frame')}"
+                self.notice = told if film.kept else "nothing was filmed"
             except OSError as error:
-                self.notice = f"film not saved: {error.strerror or error}"
+                kept = f"what {film.path.name} has so far is kept" if film.kept else "no film is kept"
+                self.notice = f"{error.strerror or error}: {kept}"
+
+    def keep(self) -> str:
+        """End what is being recorded, if anything is, since the window is lost; what to tell of it."""
+        self.notice = ""
+        self.stop_film()
+        if hasattr(self.simulation, "close"):
+            self.simulation.close()
+        return self.notice
 
     def take(self, image: np.ndarray) -> None:
         """A picture of this moment, (height, width, 3) uint8, for whoever asked for one."""
@@ -252,8 +264,11 @@ class Viewer:
                 self.stop_film()
 
     def _named(self, suffix: str) -> Path:
+        """A file of the folder that is not there yet, named after scene and time."""
         title = "".join(c if c.isalnum() or c in "-_" else "-" for c in self.simulation.scene.title) or "jello"
-        return self.folder / f"{title}-{self.simulation.time:.3f}s{suffix}"
+        name = f"{title}-{self.simulation.time:.3f}s"
+        paths = (self.folder / f"{name}{again}{suffix}" for again in chain([""], map("-{}".format, count(2))))
+        return next(path for path in paths if not path.exists())
 
     def save(self, image: np.ndarray) -> None:
         """Write the picture into the folder, named after scene and time; says in `notice` where, or why
@@ -295,7 +310,7 @@ def play(
     from taichi_jello.view.screen import Screen
 
     viewer = Viewer(simulation, color, folder)
-    screen = Screen(size, simulation.scene.title or "jello")
+    screen = Screen(size, simulation.scene.title or "jello", viewer.keep)
     before = time.perf_counter()
     try:
         while screen.running and not viewer.leaving and (seconds is None or viewer.simulation.time < seconds):

@@ -261,6 +261,8 @@ def test_p_saves_a_named_picture_or_says_why_not(viewer, tmp_path):
     viewer.save(np.zeros((4, 4, 3), np.uint8))
     assert not viewer.photo and "jello-0.000s.png" in viewer.notice
     assert (tmp_path / "jello-0.000s.png").stat().st_size > 0
+    viewer.save(np.zeros((4, 4, 3), np.uint8))
+    assert "jello-0.000s-2.png" in viewer.notice and len(list(tmp_path.glob("*.png"))) == 2
     viewer.folder = tmp_path / "missing"
     viewer.save(np.zeros((4, 4, 3), np.uint8))
     assert viewer.notice.startswith("not saved")

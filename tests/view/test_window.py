@@ -66,9 +66,9 @@ print("left", flush=True)
 """
 
 
-@pytest.fixture(scope="module")
-def screen():
-    """A virtual screen on a number that Xvfb finds free itself; it outlives its clients (-noreset)."""
+def virtual_screen():
+    """A virtual screen on a number that Xvfb finds free itself; it outlives its clients (-noreset). Its process, and
+    the environment of programs that draw there."""
     reading, writing = os.pipe()
     command = ["Xvfb", "-displayfd", str(writing), "-noreset", "-screen", "0", "800x600x24"]
     server = subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL)
@@ -76,7 +76,13 @@ def screen():
     with os.fdopen(reading) as answer:
         number = answer.readline().strip()
     assert number, "Xvfb did not start"
-    yield {**os.environ, "DISPLAY": f":{number}"}
+    return server, {**os.environ, "DISPLAY": f":{number}"}
+
+
+@pytest.fixture(scope="module")
+def screen():
+    server, environment = virtual_screen()
+    yield environment
     server.terminate()
     server.wait(10)
 
@@ -154,9 +160,8 @@ def test_keys_and_mouse_reach_the_viewer(person):
     person.tool("mouseup", "1")
     person.wait_for(lambda: "drag left" in person.log)
     person.press("p", "p")
-    path = person.pictures()[0]
-    # The same moment has the same name: the turned picture replaces the first one.
-    person.wait_for(lambda: path.read_bytes() != first)
+    person.wait_for(lambda: len(person.pictures()) == 2)  # of the same moment, from another side
+    assert first not in [path.read_bytes() for path in person.pictures() if "-2." in path.name]
 
     stepped = person.press("Right", "Right")
     assert float(stepped.split()[-1]) == pytest.approx(1 / 60, abs=1e-3)
@@ -193,6 +198,30 @@ def test_the_close_button_ends_it_cleanly_and_keeps_the_film(person):
         frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
     assert len(frames) >= 2 and frames[0].shape == (360, 640, 3)
     assert np.ptp(frames[0].mean((0, 1))) > 0.5  # a picture, not a grey nothing
+
+
+def test_a_screen_that_dies_takes_no_film_with_it(tmp_path):
+    """One line, and what was filmed until then; no assertion of the driver's."""
+    server, environment = virtual_screen()
+    person = Person(environment, tmp_path)
+    try:
+        person.press("v", "v")
+        time.sleep(1.0)
+        server.terminate()
+        assert person.viewer.wait(30) == 2
+    finally:
+        person.viewer.kill()
+        server.kill()
+        server.wait()
+    told = [line for line in person.log.splitlines() if not line.startswith(("key", "drag"))]
+    assert len(told) == 1 and told[0].startswith(
+        f"jello: the screen at DISPLAY={environment['DISPLAY']} is gone; saved"
+    )
+    (film,) = tmp_path.glob("*.mp4")
+    with av.open(str(film)) as container:
+        count = len(list(container.decode(video=0)))
+    assert count >= 1 and f"{film.name}: {count} frame" in told[0]
+    assert not list(tmp_path.glob("*.part"))
 
 
 @pytest.mark.parametrize("person", ["real"], indirect=True)

@@ -1,5 +1,7 @@
 """H.264 in MP4 by PyAV, with exact times: frame k is shown from k/fps to (k + 1)/fps."""
 
+import os
+import struct
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Final
@@ -10,6 +12,8 @@ from taichi_jello.film.writer import FilmProblem, Writer
 
 CODEC: Final = "libx264"
 QUALITY = {"crf": "18", "preset": "veryfast"}
+# A file that plays whenever writing stops, in pieces of a second; when it is closed it becomes an ordinary one.
+SAFE = {"movflags": "hybrid_fragmented+delay_moov", "frag_duration": "1000000", "flush_packets": "1"}
 BT709, LIMITED = 1, 1  # of H.273: the colours that players assume of a film, named so that none has to guess
 
 
@@ -22,7 +26,7 @@ class Mp4(Writer):
         import av
 
         self._av = av
-        self._container: Any = av.open(str(self.path()), "w", format="mp4")
+        self._container: Any = av.open(str(self.path()), "w", format="mp4", options=SAFE)
         self._stream: Any = self._container.add_stream(CODEC, rate=rate, options=QUALITY)
         self._stream.width, self._stream.height = size
         self._stream.pix_fmt = "yuv420p"
@@ -52,3 +56,15 @@ class Mp4(Writer):
             self._container.mux(self._stream.encode())
         finally:
             self._container.close()
+
+    def mend(self) -> bool:
+        """Cut it after its last whole piece: boxes, each headed by its length, of which an mdat holds the frames."""
+        whole = start = 0
+        data = self.path().read_bytes()
+        while start + 8 <= len(data):
+            length, kind = struct.unpack_from(">I4s", data, start)
+            start += max(length, 8)
+            if kind == b"mdat" and start <= len(data):
+                whole = start
+        os.truncate(self.path(), whole)
+        return whole > 0
