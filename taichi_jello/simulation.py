@@ -10,7 +10,7 @@ import numpy as np
 from taichi_jello import runtime
 from taichi_jello.body import Body, join
 from taichi_jello.physics.colliders.room import Room
-from taichi_jello.physics.forces.grab import Hand, Held
+from taichi_jello.physics.forces.grab import MOST, Hand, Held
 from taichi_jello.physics.system import System
 from taichi_jello.scene import Scene, SceneError, vector
 
@@ -76,8 +76,7 @@ class Simulation:
             if not isinstance(room, Room):
                 continue
             for j in range(len(self.scene.jello)):
-                own = self.body.x[self.body.jello == j]
-                low, high = own.min(0), own.max(0)
+                low, high = self.body.extent(j)
                 if np.any(low < np.array(room.min) - 1e-9) or np.any(high > np.array(room.max) + 1e-9):
                     raise SceneError(
                         f"collider.{c}",
@@ -256,11 +255,11 @@ class Simulation:
         return self._hand
 
     def grab(self, particles: Any, weights: Any, target: Any) -> None:
-        """Hold the point Σ weights x of one to three particles and pull it to `target` (3,) [m], from now on. Raises
-        ValueError if the scene has no Grab() force or the arguments cannot be."""
+        """Hold the point Σ weights x of one to MOST particles (24) and pull it to `target` (3,) [m], from now on.
+        Raises ValueError if the scene has no Grab() force or the arguments cannot be."""
         who, share, place = np.asarray(particles, int), np.asarray(weights, float), vector("target", target)
-        if not 1 <= who.size <= 3 or np.any(who < 0) or np.any(who >= len(self.body)):
-            raise ValueError(f"particles: expected 1 to 3 from 0 to {len(self.body) - 1}, got {who.tolist()}")
+        if not 1 <= who.size <= MOST or np.any(who < 0) or np.any(who >= len(self.body)):
+            raise ValueError(f"particles: expected 1 to {MOST} from 0 to {len(self.body) - 1}, got {who.tolist()}")
         if share.shape != who.shape or np.any(share < -1e-6) or not abs(share.sum() - 1.0) < 1e-3:
             raise ValueError(f"weights: expected {who.size} that sum to 1, got {share.tolist()}")
         self._need_hand().take(who, np.maximum(share, 0.0), place)

@@ -98,7 +98,7 @@ def test_refused_calls_leave_no_trace(tmp_path):
     recorded = Recorded(Simulation(SCENE), tmp_path / "play.jsonl")
     with pytest.raises(ValueError, match="stiffness: expected"):
         recorded.tune(stiffness=-1.0)
-    with pytest.raises(ValueError, match="particles: expected 1 to 3"):
+    with pytest.raises(ValueError, match="particles: expected 1 to 24"):
         recorded.grab([99], [1.0], (0.0, 0.0, 0.0))
     recorded.close()
     assert [call["call"] for call in Replay(tmp_path / "play.jsonl").calls] == ["end"]

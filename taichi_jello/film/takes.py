@@ -67,9 +67,9 @@ class Skins:
         now, skin = self.simulation.snapshot(), self.drawing.skin
         self.drawing.update(now.x, now.v, now.time)
         assert skin is not None
-        # fine.index, not the triangles': those are sorted anew for every picture.
+        # The skin's index, not the triangles': those are sorted anew for every picture.
         rgb = np.round(255.0 * skin.triangles.rgba[:, :3].clip(0.0, 1.0)).astype(np.uint8)
-        return Mesh(skin.triangles.x.copy(), rgb, skin.fine.index)
+        return Mesh(skin.triangles.x.copy(), rgb, skin.index)
 
     def close(self) -> None:
         pass

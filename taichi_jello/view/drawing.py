@@ -7,6 +7,7 @@ from taichi_jello.body import Body
 from taichi_jello.scene import COLORS, Scene
 from taichi_jello.view import palette
 from taichi_jello.view.camera import Viewpoint
+from taichi_jello.view.embedded import Embedded
 from taichi_jello.view.primitives import Dots, Lines, Triangles
 from taichi_jello.view.shading import look_from
 from taichi_jello.view.shadow import Shadow
@@ -32,12 +33,18 @@ class Drawing:
         self.surroundings = Surroundings(scene) if scene.collider else None
         solids = [] if self.surroundings is None else [s for s in self.surroundings.surfaces if not s.level]
         self._solids = solids
-        self._points = np.zeros((self.count + sum(len(s.points) for s in solids), 3), np.float32)
+        self.embedded = Embedded(body) if len(body.skin) else None
+        self._skinned = self.count + (len(self.embedded) if self.embedded is not None else 0)
+        # The particles, the points of embedded skins, and those of colliders that cast a shadow.
+        self._points = np.zeros((self._skinned + sum(len(s.points) for s in solids), 3), np.float32)
         self._speeds = np.zeros((self.count, 3), np.float32)
-        self.skin = Skin(body) if len(body.surface) else None
+        self.skin = Skin(body, self.embedded) if len(body.surface) else None
         self.springs = Springs(body) if len(body.springs) else None
         self.shadows = self._make_shadows(body)
-        self._dots = Dots(self.points, np.tile(palette.PARTICLE, (self.count, 1)).astype(np.float32), _radius(body))
+        # Particles outside an embedded skin are only its scaffold.
+        self._inside = np.flatnonzero(body.skin_distance <= 0.0) if self.embedded is not None else None
+        shown = self.points if self._inside is None else self.points[self._inside]
+        self._dots = Dots(shown, np.tile(palette.PARTICLE, (len(shown), 1)).astype(np.float32), _radius(body))
 
     @property
     def points(self) -> np.ndarray:
@@ -50,8 +57,10 @@ class Drawing:
         # A jello without a skin casts its springs' shadows: triangles of no area cover one cell in width.
         bare = np.setdiff1d(body.jello, body.jello[body.surface])
         threads = body.springs[np.isin(body.jello[body.springs[:, 0]], bare)]
-        faces = [body.surface, threads[:, [0, 1, 1]]]
-        start = self.count
+        faces = [body.bare_surface, threads[:, [0, 1, 1]]]
+        if self.embedded is not None:
+            faces.append(self.embedded.index + self.count)
+        start = self._skinned
         for solid in self._solids:
             faces.append(solid.faces + start)
             start += len(solid.points)
@@ -77,6 +86,10 @@ class Drawing:
         self.viewpoint = self.viewpoint if viewpoint is None else viewpoint
         look = look_from(self.viewpoint)
         self._points[: self.count], self._speeds[:] = x, v
+        skin = self._points[self.count : self._skinned]
+        if self.embedded is not None:
+            self.embedded.update(self._points[: self.count], skin)
+            self._dots.x[:] = self._points[self._inside]
         if self.surroundings is not None:
             origins = self.surroundings.origins(time)
             self._move_solids(self.surroundings, origins)
@@ -86,10 +99,10 @@ class Drawing:
         if self.springs is not None:
             self.springs.update(self._points, self._speeds, look, color)
         if self.skin is not None and "skin" not in self.hidden:
-            self.skin.update(self._points, look)
+            self.skin.update(self._points, skin, look)
 
     def _move_solids(self, surroundings: Surroundings, origins: np.ndarray) -> None:
-        start = self.count
+        start = self._skinned
         for surface, origin in zip(surroundings.surfaces, origins, strict=True):
             if not surface.level:
                 self._points[start : start + len(surface.points)] = surface.points + origin

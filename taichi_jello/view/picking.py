@@ -16,7 +16,7 @@ FLAT = 1e-12  # m³ per metre: of triangles seen edge on, nothing is seen
 
 @dataclass(frozen=True)
 class Pick:
-    """A point [m] of a jello: the mean of one to three of its particles by `weights`, which sum to 1."""
+    """A point [m] of a jello: the mean of some of its particles, 24 at most, by `weights`, which sum to 1."""
 
     particles: tuple[int, ...]
     weights: tuple[float, ...]
@@ -55,6 +55,16 @@ def pick_skin(x: np.ndarray, surface: np.ndarray, eye: np.ndarray, way: np.ndarr
     return Pick(tuple(int(k) for k in corners), tuple(float(w) for w in weights), weights @ x[corners])
 
 
+def carriers(body: Body, found: Pick) -> Pick:
+    """A pick among the points of embedded skins as a pick among the particles that carry them."""
+    on = list(found.particles)
+    weights = np.array(found.weights)[:, None] * body.skin_weights[on]
+    particles, which = np.unique(body.skin_corners[on], return_inverse=True)
+    shares = np.bincount(which.ravel(), weights.ravel())
+    used = shares > 0.0
+    return Pick(tuple(particles[used].tolist()), tuple(shares[used].tolist()), found.point)
+
+
 def pick_particle(
     x: np.ndarray, allowed: np.ndarray, viewpoint: Viewpoint, at: Place, size: tuple[int, int]
 ) -> Pick | None:
@@ -82,6 +92,11 @@ def pick(
     x = np.asarray(x, float)
     if not skin:
         return pick_particle(x, np.ones(len(x), bool), viewpoint, at, size)
-    found = pick_skin(x, body.surface, *ray(viewpoint, at, size))
+    eye, way = ray(viewpoint, at, size)
+    met = [pick_skin(x, body.bare_surface, eye, way)]
+    if len(body.skin):
+        fine = pick_skin(body.skin_points(x), body.skin, eye, way)
+        met.append(carriers(body, fine) if fine is not None else None)
+    found = min((one for one in met if one is not None), key=lambda one: np.linalg.norm(one.point - eye), default=None)
     bare = ~np.isin(body.jello, body.jello[body.surface])
     return found or pick_particle(x, bare, viewpoint, at, size)

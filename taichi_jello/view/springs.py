@@ -56,14 +56,17 @@ def strains(d: np.ndarray, rest: np.ndarray) -> np.ndarray:
 
 
 def layers(body: Body) -> np.ndarray:
-    """(S,) 0 for springs that tell a body's shape, 1 for the others on its surface and 2 for those inside.
+    """(S,) 0 for springs that tell a body's shape, 1 for the others on its surface and 2 for those inside and those
+    that reach out of an embedded skin.
 
     In a dense body the diagonals inside would hide all else, and bend springs lie on structural ones."""
+    outside = (body.skin_distance[body.springs] > 0.0).any(1)
     if len(body.springs) <= FEW or not np.any(body.family == 0):
-        return np.zeros(len(body.springs), np.int64)
+        return np.where(outside, 2, 0)
     outer = np.zeros(len(body), bool)
     outer[body.surface] = True
-    return np.where(np.isin(body.family, (0, 3)), 0, np.where(outer[body.springs].all(1), 1, 2))
+    shown = np.where(np.isin(body.family, (0, 3)), 0, np.where(outer[body.springs].all(1), 1, 2))
+    return np.where(outside, 2, shown)
 
 
 class Springs:

@@ -97,3 +97,15 @@ def test_tuned_is_the_same_as_made_so():
     one.advance(0.3)
     two.advance(0.3)
     assert np.array_equal(one.x, two.x)
+
+
+def test_a_hand_can_hold_many_particles():
+    """A held body of one point of a skin's triangle: up to 24 particles share the weight."""
+    scene = Scene(jello=[Box(points=(3, 3, 3), size=(0.2, 0.2, 0.2))], force=[Grab(stiffness=500.0)], drag=5.0)
+    simulation = Simulation(scene)
+    particles, weights = np.arange(24), np.full(24, 1 / 24)
+    simulation.grab(particles, weights, weights @ simulation.x[:24])
+    simulation.advance(3.0)
+    assert simulation.held.force == pytest.approx([0.0, 9.81, 0.0], abs=0.02)
+    with pytest.raises(ValueError, match="1 to 24"):
+        simulation.grab(np.arange(25), np.full(25, 0.04), (0.0, 0.0, 0.0))

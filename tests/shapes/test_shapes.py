@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from taichi_jello import Ball, Box, Pin, Rope, SceneError, Sheet
+from taichi_jello.body import join
+from taichi_jello.shapes._skin import split_edges
 from taichi_jello.shapes.lattice import body_of, corners
 
 
@@ -43,15 +45,54 @@ def test_springs_do_not_cross_a_gap():
 
 
 @pytest.mark.parametrize("resolution", [2, 5, 12])
-def test_a_ball_is_closed_and_symmetric(resolution):
+def test_a_balls_cells_are_closed_and_symmetric(resolution):
     body = Ball(radius=0.3, resolution=resolution, mass=2.0).body()
-    assert body.mass.sum() == pytest.approx(2.0)
+    assert body.mass.sum() == pytest.approx(2.0) and body.mass @ body.rest == pytest.approx(0.0, abs=1e-12)
     found = edges(body.surface)
+    assert rows(found) == rows(found[:, ::-1])
+    assert volume(body) == pytest.approx((0.6 / resolution) ** 3 * len(body.cells))
+    assert {tuple(p) for p in (body.rest * [-1, 1, 1]).round(9) + 0.0} == {tuple(p) for p in body.rest.round(9) + 0.0}
+
+
+@pytest.mark.parametrize("resolution", [3, 8])
+def test_a_balls_skin_is_a_sphere_carried_by_its_cells(resolution):
+    body = Ball(radius=0.3, resolution=resolution).body()
+    points = body.skin_points(body.rest)
+    assert np.linalg.norm(points, axis=1) == pytest.approx(0.3)
+    found = edges(body.skin)
     assert len(rows(found)) == len(found) and rows(found) == rows(found[:, ::-1])
-    mirrored = np.lexsort((body.rest * [-1, 1, 1]).round(9).T), np.lexsort(body.rest.round(9).T)
-    assert (body.rest * [-1, 1, 1])[mirrored[0]] == pytest.approx(body.rest[mirrored[1]], abs=1e-9)
-    cells = 8 * np.prod(0.3 / resolution * np.ones(3)) * len(body.cells)
-    assert volume(body) == pytest.approx(cells)
+    corners = points[body.skin]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.all(np.einsum("ij,ij->i", normal, corners.mean(1)) > 0)
+    assert body.skin_distance == pytest.approx(np.linalg.norm(body.rest, axis=1) - 0.3)
+    # Trilinear interpolation repeats what is linear in each coordinate, and its weights are shares.
+    bent = np.stack([body.rest[:, 0] * body.rest[:, 1], body.rest[:, 2], body.rest.prod(1)], 1)
+    assert body.skin_points(bent) == pytest.approx(
+        np.stack([points[:, 0] * points[:, 1], points[:, 2], points.prod(1)], 1), abs=1e-12
+    )
+    assert body.skin_weights.sum(1) == pytest.approx(1.0) and body.skin_weights.min() >= 0.0
+
+
+def test_skins_join_with_their_own_particles():
+    ball, box = Ball(resolution=3).body(), Box(points=(2, 2, 2)).body()
+    both = join([box, ball, ball])
+    for k in (0, 1):
+        x = both.x[8 + k * len(ball) : 8 + (k + 1) * len(ball)]
+        own = both.skin_points(both.x)[both.skin[k * len(ball.skin) : (k + 1) * len(ball.skin)]]
+        assert np.array_equal(own, ball.skin_points(x)[ball.skin])
+    assert np.array_equal(both.embedded, both.jello > 0) and rows(both.bare_surface) == rows(box.surface)
+    assert np.array_equal(both.skin_distance[:8], np.zeros(8))
+
+
+def test_long_edges_are_cut_without_gaps():
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 4.0]])
+    triangles = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    more, cut = split_edges(points, triangles, 0.3)
+    found = edges(cut)
+    assert np.linalg.norm(more[found[:, 0]] - more[found[:, 1]], axis=1).max() <= 0.3
+    assert len(rows(found)) == len(found) and rows(found) == rows(found[:, ::-1])
+    a, b, c = (more[cut[:, k]] for k in range(3))
+    assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6 == pytest.approx(8.0 / 6.0)
 
 
 def test_a_sheet_lies_level_and_has_both_sides():

@@ -1,12 +1,17 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from still import Still, cube_scene
 
 from taichi_jello import runtime
+from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.colliders.sphere import Sphere
 from taichi_jello.runtime import RuntimeProblem
 from taichi_jello.scene import Scene
+from taichi_jello.shapes.ball import Ball
 from taichi_jello.shapes.lattice import Box
+from taichi_jello.view.embedded import Embedded
 from taichi_jello.view.renderers import drawing_of, open_renderer, picture
 from taichi_jello.view.springs import layers, ramp_table, round_up
 from taichi_jello.view.subdivide import subdivide
@@ -134,3 +139,33 @@ def test_a_dead_start_is_noticed(cube):
     runtime.start()
     with pytest.raises(RuntimeProblem, match="again"):
         renderer.draw(drawing, drawing.viewpoint)
+
+
+def test_an_embedded_skin_is_drawn_and_its_scaffold_is_not():
+    ball = Ball(resolution=6, radius=0.4, position=(0.0, 0.5, 0.0))
+    both = Still(Scene(jello=(ball, Box(points=(3, 3, 3), position=(2.0, 0.5, 0.0))), collider=(Plane(),)))
+    drawing = drawing_at(both)
+    middle, skin = np.array([0.0, 0.5, 0.0]), drawing.skin
+    round_ones = skin.owner == 0
+    points = skin.triangles.x[skin.index[round_ones]].reshape(-1, 3)
+    assert np.linalg.norm(points - middle, axis=1) == pytest.approx(0.4, abs=1e-5)
+    # The mean of the facets' normals around a point of a sphere is its direction, to the square of their angle.
+    normals = skin._normal[skin.index[round_ones]].reshape(-1, 3)
+    assert normals == pytest.approx((points - middle) / 0.4, abs=0.05)
+    ends = drawing.lines[-1].x
+    own = ends[ends[:, 0] < 1.0]
+    assert len(own) > 100 and np.linalg.norm(own - middle, axis=1).max() < 0.42  # drawn a little nearer to the eye
+    dots = drawing.dots.x[drawing.dots.x[:, 0] < 1.0]
+    assert len(dots) > 30 and np.linalg.norm(dots - middle, axis=1).max() <= 0.4 + 1e-6
+
+
+def test_sharp_edges_of_an_embedded_skin_stay_sharp():
+    """A cube of two triangles a side: every corner is drawn three times, with the normals of its sides."""
+    cube = Box(points=(2, 2, 2)).body()
+    body = replace(cube, skin=cube.surface, skin_corners=np.tile(cube.cells, (8, 1)), skin_weights=np.eye(8))
+    embedded = Embedded(body)
+    assert len(embedded) == 24 and len(embedded.index) == 12
+    points = np.zeros((24, 3), np.float32)
+    embedded.update(body.x.astype(np.float32), points)
+    assert np.sort(np.abs(embedded.normals), 1) == pytest.approx(np.tile([0.0, 0.0, 1.0], (24, 1)))
+    assert np.einsum("ij,ij->i", embedded.normals, points) == pytest.approx(0.5)

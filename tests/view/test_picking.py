@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from taichi_jello.body import join
+from taichi_jello.physics.forces.grab import MOST
+from taichi_jello.shapes.ball import Ball
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.view.camera import Viewpoint
 from taichi_jello.view.picking import pick, ray
@@ -85,3 +87,17 @@ def test_ray_and_projection_are_each_others_inverse():
     eye, way = ray(seen_from, (123.0, 456.0), (1280, 720))
     assert seen_from.project((eye + 2.5 * way)[None], (1280, 720))[0] == pytest.approx([123.0, 456.0])
     assert -seen_from.axes()[2] @ way == pytest.approx(1.0)
+
+
+def test_an_embedded_skin_is_picked_where_it_is_drawn():
+    body = join([Ball(resolution=4, radius=0.5, position=(0.0, 0.5, 0.0)).body(), Box(position=(0, 0.5, -3)).body()])
+    x = body.x * [1.2, 1.0, 0.9]
+    for at in ((652.0, 371.0), (700.0, 330.0), (600.0, 440.0)):
+        found = pick(body, x, view((0.0, 0.5, 4.0)), at, (1280, 720))
+        assert found is not None and 4 <= len(found.particles) <= MOST and set(body.jello[list(found.particles)]) == {0}
+        assert sum(found.weights) == pytest.approx(1.0)
+        again = np.array(found.weights) @ x[list(found.particles)]
+        assert again == pytest.approx(found.point)
+        assert view((0.0, 0.5, 4.0)).project(again[None], (1280, 720))[0] == pytest.approx(at, abs=0.01)
+        # On the near side of the ellipsoid; its facets lie up to 2 % inside.
+        assert 0.95 < np.linalg.norm((again - [0.0, 0.5, 0.0]) / [0.6, 0.5, 0.45]) < 1.001 and again[2] > 0.3

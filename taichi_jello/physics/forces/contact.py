@@ -44,6 +44,7 @@ class PenaltyContact(ParticleForce):
 
     def __init__(self, scene, particles):
         self.particles, self.colliders, self.contact = particles, self._sorted(scene.collider), scene.contact
+        self.inverse_mass = 1.0 / float(particles.body.mass.min())
         self.lanes, self.Lanes = particles.memory.lanes, particles.memory.lane_vector
         counts = [len(c.rows(0.0, 1.0)) for c in self.colliders]
         ends = np.cumsum(counts)
@@ -61,10 +62,19 @@ class PenaltyContact(ParticleForce):
         self.moving = not np.array_equal(self._rows(0.0, 1.0), self._rows(1.0, 2.0)) or any(
             np.any(row[3:6]) for row in self._rows(0.0, 1.0)
         )
+        self.masked = False
 
     @classmethod
     def made_for(cls, scene, particles):
-        return [cls(scene, particles)] if scene.collider and scene.contact.stiffness > 0.0 else []
+        """For the particles of jellos without an embedded skin; the others touch with their skin, see skin_contact."""
+        embedded = particles.body.embedded
+        if not scene.collider or scene.contact.stiffness == 0.0 or embedded.all():
+            return []
+        made = cls(scene, particles)
+        if embedded.any():
+            bare = np.pad(1 - embedded.astype(np.int32), (0, particles.memory.padded - len(embedded)))
+            made.masked, made.bare = True, particles.memory.table(cls.title, "bare", bare)
+        return [made]
 
     @property
     def grip(self):
@@ -95,26 +105,37 @@ class PenaltyContact(ParticleForce):
             self.rows.from_numpy(self._rows(start, end).astype(self.particles.memory.number))
 
     @ti.func
-    def touch(self, distance: ti.template(), r, i, x, t):
-        """(normal, signed distance) of particle i at surface r."""
+    def touch(self, distance: ti.template(), r, p, t):
+        """(normal, signed distance) of the point p at surface r."""
         row = self.rows[r]
         place = ti.Vector([row[0], row[1], row[2]]) + t * ti.Vector([row[3], row[4], row[5]])
-        return distance(x[i] - place, ti.Vector([row[6], row[7], row[8], row[9]]))
+        return distance(p - place, ti.Vector([row[6], row[7], row[8], row[9]]))
 
     @ti.func
-    def on(self, i, x, v, t):
+    def push(self, p, u, t, share):
+        """The force [N] on a point at p that moves at u and stands for `share` of a particle of the surface."""
         force, law = ti.Vector([0.0, 0.0, 0.0]), self.law[0]
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
-                touch = self.touch(group.signed_distance, r, i, x, t)
+                touch = self.touch(group.signed_distance, r, p, t)
                 if touch[3] < 0.0:
                     n = ti.Vector([touch[0], touch[1], touch[2]])
-                    relative = v[i] - ti.Vector([self.rows[r][3], self.rows[r][4], self.rows[r][5]])
+                    relative = u - ti.Vector([self.rows[r][3], self.rows[r][4], self.rows[r][5]])
                     speed = relative.dot(n)
-                    pressed = pressure(-touch[3], speed, law[0], law[1])
+                    pressed = pressure(-touch[3], speed, share * law[0], share * law[1])
                     force += pressed * n
                     if ti.static(self.rubs):
-                        force += rub(pressed, relative - speed * n, law[2], law[3])
+                        force += rub(pressed, relative - speed * n, law[2], share * law[3])
+        return force
+
+    @ti.func
+    def on(self, i, x, v, t):
+        force = ti.Vector([0.0, 0.0, 0.0])
+        if ti.static(self.masked):
+            if self.bare[i]:
+                force = self.push(x[i], v[i], t, 1.0)
+        else:
+            force = self.push(x[i], v[i], t, 1.0)
         return force
 
     @ti.func
@@ -124,7 +145,7 @@ class PenaltyContact(ParticleForce):
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
                 for lane in range(self.lanes):
-                    nearest[lane] = ti.min(nearest[lane], self.touch(group.signed_distance, r, first + lane, x, t)[3])
+                    nearest[lane] = ti.min(nearest[lane], self.touch(group.signed_distance, r, x[first + lane], t)[3])
         least = ti.cast(1.0, float)
         for lane in range(self.lanes):
             least = ti.min(least, nearest[lane])
@@ -134,25 +155,31 @@ class PenaltyContact(ParticleForce):
                     f[i] = f[i] + self.on(i, x, v, t)
 
     @ti.func
-    def energy(self, i, x, t):
-        """½ k depth²."""
+    def pressed_energy(self, p, t):
+        """½ k depth² [J] of a point at p."""
         total = ti.cast(0.0, float)
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
-                depth = ti.max(0.0, -self.touch(group.signed_distance, r, i, x, t)[3])
+                depth = ti.max(0.0, -self.touch(group.signed_distance, r, p, t)[3])
                 total += 0.5 * self.law[0][0] * depth * depth
+        return total
+
+    @ti.func
+    def energy(self, i, x, t):
+        total = self.pressed_energy(x[i], t)
+        if ti.static(self.masked):
+            total *= self.bare[i]
         return total
 
     def rates(self):
         """Friction's force follows the depth too, which turns k into k√(1 + μ²); its viscous part counts as damping
         across the normal, where the dashpot does not act."""
         together = self._most_at_once()
-        inverse_mass = 1.0 / float(self.particles.body.mass.min())
         k, c = self.contact.stiffness, self.contact.damping
         sideways = self.grip if self.contact.friction > 0.0 else 0.0
         return Rates(
-            squared_frequency=together * k * hypot(1.0, self.contact.friction) * inverse_mass,
-            damping=together * max(c, sideways) * inverse_mass,
+            squared_frequency=together * k * hypot(1.0, self.contact.friction) * self.inverse_mass,
+            damping=together * max(c, sideways) * self.inverse_mass,
             damping_time=c / k if k > 0.0 else np.inf,
         )
 

@@ -12,6 +12,7 @@ from taichi_jello.scene import Force, Scene, number
 FIRMNESS = 2.0  # of the hand's spring, in typical springs of the body
 REACH = 0.5  # of the body's size by which typical springs must stretch to pull as hard as the hand can
 LIFT = 4.0  # the hand can hold at least this many times the weight of all
+MOST = 24  # particles that a hand can hold: the corners of the cells of a triangle of an embedded skin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +49,7 @@ class Held:
 @ti.data_oriented
 class Hand(ParticleForce):
     """F = k (target - p) + c (w - u) on the held point p that moves at u while the hand moves at w, never more than the
-    limit; each of its up to three particles gets F times its weight. c is critical for a single particle at p."""
+    limit; each of its up to MOST particles gets F times its weight. c is critical for a single particle at p."""
 
     title = "grab"
     reads_velocity = True
@@ -63,10 +64,12 @@ class Hand(ParticleForce):
         self.damping = 2.0 * float(np.sqrt(self.stiffness * self.least_mass))
         self.limit = grab.limit or max(REACH * typical * size, LIFT * weight)
         self.number = particles.memory.number
-        self.held = particles.memory.table(self.title, "particles", np.full((1, 3), -1, np.int32))
-        # Rows: the weights, the hand's place when the frame begins [m], its velocity [m/s].
-        self.hand = particles.memory.table(self.title, "hand", np.zeros((3, 3)))
-        self.particles, self.weights = np.full(3, -1, np.int32), np.zeros(3)
+        # How many particles are held, then which.
+        self.held = particles.memory.table(self.title, "particles", np.zeros(1 + MOST, np.int32))
+        self.weights_held = particles.memory.table(self.title, "weights", np.zeros(MOST))
+        # Rows: the hand's place when the frame begins [m], its velocity [m/s].
+        self.hand = particles.memory.table(self.title, "hand", np.zeros((2, 3)))
+        self.particles, self.weights = np.zeros(0, np.int32), np.zeros(0)
         self.target = self._from = self._to = np.zeros(3)
         self._frame, self._changed = -1.0, True
 
@@ -76,17 +79,16 @@ class Hand(ParticleForce):
 
     @property
     def holds(self) -> bool:
-        return bool(self.particles[0] >= 0)
+        return len(self.particles) > 0
 
     def take(self, particles, weights, target):
         """Hold Σ weights x of the given particles from the next frame on."""
-        self.particles, self.weights = np.full(3, -1, np.int32), np.zeros(3)
-        self.particles[: len(particles)], self.weights[: len(weights)] = particles, weights
+        self.particles, self.weights = np.array(particles, np.int32), np.array(weights, float)
         self.target = self._from = self._to = np.array(target, float)
         self._changed = True
 
     def let_go(self):
-        self.particles, self._changed = np.full(3, -1, np.int32), True
+        self.particles, self.weights, self._changed = np.zeros(0, np.int32), np.zeros(0), True
 
     def begin_frame(self, start, end):
         """The hand moves evenly from its target of the frame before to that of this one."""
@@ -94,31 +96,30 @@ class Hand(ParticleForce):
             self._from, self._frame = self._to, start
         self._to = self.target
         if self._changed or self.holds:
-            rows = np.stack([self.weights, self._from, (self._to - self._from) / (end - start)])
-            self.held.from_numpy(self.particles[None])
+            spare = MOST - len(self.particles)
+            self.held.from_numpy(np.pad(np.append(np.int32(len(self.particles)), self.particles), (0, spare)))
+            self.weights_held.from_numpy(np.pad(self.weights, (0, spare)).astype(self.number))
+            rows = np.stack([self._from, (self._to - self._from) / (end - start)])
             self.hand.from_numpy(rows.astype(self.number))
             self._changed = False
 
     @ti.func
     def pull(self, x, v, t):
         """The force [N] on the held point."""
-        weights, who = self.hand[0], self.held[0]
         p, u = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
-        for k in ti.static(range(3)):
-            if who[k] >= 0:
-                p += weights[k] * x[who[k]]
-                u += weights[k] * v[who[k]]
-        place, velocity = self.hand[1] + t * self.hand[2], self.hand[2]
+        for k in range(self.held[0]):
+            p += self.weights_held[k] * x[self.held[1 + k]]
+            u += self.weights_held[k] * v[self.held[1 + k]]
+        place, velocity = self.hand[0] + t * self.hand[1], self.hand[1]
         force = self.stiffness * (place - p) + self.damping * (velocity - u)
         return force * ti.min(1.0, self.limit / (force.norm() + 1e-20))
 
     @ti.func
     def on(self, i, x, v, t):
-        who = self.held[0]
         share = ti.cast(0.0, float)
-        for k in ti.static(range(3)):
-            if i == who[k]:
-                share += self.hand[0][k]
+        for k in range(self.held[0]):
+            if i == self.held[1 + k]:
+                share += self.weights_held[k]
         force = ti.Vector([0.0, 0.0, 0.0])
         if share > 0.0:
             force = share * self.pull(x, v, t)
@@ -134,8 +135,7 @@ class Hand(ParticleForce):
 
     def now(self, x: np.ndarray, v: np.ndarray) -> Held:
         """What is held, with the particles at x (N, 3) [m] and moving at v (N, 3) [m/s]."""
-        some = self.particles >= 0
-        who, weights = self.particles[some], self.weights[some]
+        who, weights = self.particles, self.weights
         point, speed = weights @ x[who], weights @ v[who]
         force = self.stiffness * (self.target - point) - self.damping * speed
         force = force * min(1.0, self.limit / (float(np.linalg.norm(force)) + 1e-20))

@@ -1,0 +1,132 @@
+"""Penalty contact of embedded skins with colliders: at the skin's points, given to the corners of their cells."""
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.physics.forces.contact import PenaltyContact
+
+
+def shares(body):
+    """(V,) how much of a particle of the lattice's surface each point of the embedded skins stands for: its part of
+    the skin's area (a third of the triangles around it) over a side of its cell. The springs at all points near a
+    particle are then together about as stiff as one at the particle would be, however fine the skin is."""
+    rest = body.skin_points(body.rest)
+    a, b, c = (rest[body.skin[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.0
+    area = np.bincount(body.skin.ravel(), np.repeat(area, 3), len(rest))
+    corner = body.rest[body.skin_corners[:, [0, 4, 2, 1]]]
+    return area / np.abs(np.linalg.det(corner[:, 1:] - corner[:, :1])) ** (2.0 / 3.0)
+
+
+@ti.data_oriented
+class SkinContact(PenaltyContact):
+    """What PenaltyContact does to particles, done to points Σ w x of skins. `prepare` goes over the cells that hold
+    skin: where a cell may touch, it sums the forces on its points, each times its weight, for each of the eight
+    corners. Then every particle takes the sums of the cells around it, in a fixed order."""
+
+    title = "skin contact"
+    prepares = True
+
+    def __init__(self, scene, particles):
+        super().__init__(scene, particles)
+        self.in_passes = False
+        body, memory = particles.body, particles.memory
+        cells, cell = np.unique(body.skin_corners, axis=0, return_inverse=True)
+        cell = cell.ravel()
+        order, self.points = np.argsort(cell, kind="stable"), len(cells)
+        share = shares(body)
+        self.inverse_mass = self._steepest(body, share)
+        place = body.skin_weights @ np.array([[k >> 2, k >> 1 & 1, k & 1] for k in range(8)])
+        by_particle = np.argsort(cells.ravel(), kind="stable")
+        tables = {
+            "corners": cells,
+            "start": np.searchsorted(cell[order], np.arange(len(cells) + 1)),
+            "skin": np.column_stack([place, share])[order],  # place in the cell, 0 to 1 along each side; share
+            "first": np.searchsorted(cells.ravel()[by_particle], np.arange(len(body) + 1)),
+            "around": by_particle,  # 8 cell + corner, for each particle
+            "near": np.zeros(len(cells), np.int32),
+            "forces": np.zeros((8 * len(cells), 3)),
+        }
+        for name, values in tables.items():
+            setattr(self, name, memory.table(self.title, name, values))
+
+    @classmethod
+    def made_for(cls, scene, particles):
+        wanted = scene.collider and scene.contact.stiffness > 0.0 and len(particles.body.skin_corners)
+        return [cls(scene, particles)] if wanted else []
+
+    @staticmethod
+    def _steepest(body, share):
+        """How stiff unit springs at the skin's points can be, over mass [1/kg]: the matrix M^-½ Wᵀ S W M^-½ of the
+        weights W and shares S has no negative entry, so no eigenvalue exceeds its largest row sum."""
+        root = 1.0 / np.sqrt(body.mass)
+        row = share[:, None] * body.skin_weights * (body.skin_weights * root[body.skin_corners]).sum(1, keepdims=True)
+        return float((root * np.bincount(body.skin_corners.ravel(), row.ravel(), len(body))).max())
+
+    @ti.func
+    def weight(self, k: ti.template(), at):
+        """The trilinear weight of corner k = 4a + 2b + c at a place in the cell."""
+        w = at[0] if ti.static(k & 4) else 1.0 - at[0]
+        w *= at[1] if ti.static(k & 2) else 1.0 - at[1]
+        w *= at[2] if ti.static(k & 1) else 1.0 - at[2]
+        return w
+
+    @ti.func
+    def may_touch(self, cell, x, t):
+        """Whether a surface is nearer to one corner than the farthest other corner is: else none reaches a point
+        between the corners, since distances to a surface differ by no more than the way from point to point."""
+        corners = self.corners[cell]
+        p = x[corners[0]]
+        reach = ti.cast(0.0, float)
+        for k in ti.static(range(1, 8)):
+            way = x[corners[k]] - p
+            reach = ti.max(reach, way.dot(way))
+        reach = ti.sqrt(reach)
+        near = 0
+        for group in ti.static(self.groups):
+            for r in range(group.start, group.stop):
+                if self.touch(group.signed_distance, r, p, t)[3] <= reach:
+                    near = 1
+        return near
+
+    @ti.func
+    def prepare(self, first, last, x, v, t):
+        for cell in range(first, last):
+            near = self.may_touch(cell, x, t)
+            self.near[cell] = near
+            if near:
+                corners, sums = self.corners[cell], ti.Matrix.zero(float, 8, 3)
+                for q in range(self.start[cell], self.start[cell + 1]):
+                    at, p, u = self.skin[q], ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+                    for k in ti.static(range(8)):
+                        p += self.weight(k, at) * x[corners[k]]
+                        u += self.weight(k, at) * v[corners[k]]
+                    force = self.push(p, u, t, at[3])
+                    for k in ti.static(range(8)):
+                        for axis in ti.static(range(3)):
+                            sums[k, axis] += self.weight(k, at) * force[axis]
+                for k in ti.static(range(8)):
+                    self.forces[8 * cell + k] = ti.Vector([sums[k, 0], sums[k, 1], sums[k, 2]])
+
+    @ti.func
+    def on(self, i, x, v, t):
+        force = ti.Vector([0.0, 0.0, 0.0])
+        for e in range(self.first[i], self.first[i + 1]):
+            if self.near[self.around[e] // 8]:
+                force += self.forces[self.around[e]]
+        return force
+
+    @ti.func
+    def energy(self, i, x, t):
+        """A cell's energy is booked by its first corner."""
+        total = ti.cast(0.0, float)
+        for e in range(self.first[i], self.first[i + 1]):
+            if self.around[e] % 8 == 0:
+                cell = self.around[e] // 8
+                corners = self.corners[cell]
+                for q in range(self.start[cell], self.start[cell + 1]):
+                    at, p = self.skin[q], ti.Vector([0.0, 0.0, 0.0])
+                    for k in ti.static(range(8)):
+                        p += self.weight(k, at) * x[corners[k]]
+                    total += at[3] * self.pressed_energy(p, t)
+        return total

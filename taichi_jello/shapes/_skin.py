@@ -1,0 +1,97 @@
+"""A fine skin embedded in the filled cells of a lattice (NumPy only)."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from taichi_jello.body import Body
+from taichi_jello.scene import Jello
+from taichi_jello.shapes.lattice import body_of, corners
+
+# A particle has at least this share of a whole cell's mass: a corner of a cell that is hardly filled would swing so
+# fast that it alone decided the step.
+LEAST = 0.5
+CORNERS = np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)])
+
+
+def skinned_body(
+    jello: Jello,
+    points: np.ndarray,
+    triangles: np.ndarray,
+    filled: np.ndarray,
+    fraction: np.ndarray,
+    spacing: float,
+    distance: np.ndarray,
+) -> Body:
+    """The Body of a jello whose filled cells, `spacing` [m] wide, hold the skin: `triangles` (T, 3) over `points`
+    (V, 3).
+
+    The points [m] are relative to the middle of the grid filled (n, m, l); fraction (n, m, l) of each cell is inside
+    the skin; distance (n+1, m+1, l+1) [m] of the grid's points from it, negative inside.
+    """
+    index = corners(filled)
+    body = body_of(jello, index, np.full(3, spacing), filled, mass_shares(index, filled * fraction))
+    cells, weights = embed(points / spacing + 0.5 * np.array(filled.shape), filled)
+    held = index[tuple((cells[:, None] + CORNERS).transpose(2, 0, 1))]
+    return replace(
+        body,
+        skin_corners=held.astype(np.int32),
+        skin_weights=weights,
+        skin=triangles.astype(np.int32),
+        skin_distance=distance[index >= 0],
+    )
+
+
+def mass_shares(index: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+    """(N,) shares of the mass: an eighth of what is filled of the cells around each particle, but see LEAST."""
+    volume = np.zeros(index.shape)
+    for corner in CORNERS:
+        place = tuple(slice(a, a + n) for a, n in zip(corner, fraction.shape, strict=True))
+        volume[place] += fraction / 8.0
+    volume = np.maximum(volume[index >= 0], LEAST)
+    return volume / volume.sum()
+
+
+def embed(places: np.ndarray, filled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The filled cell (V, 3) that holds each place (V, 3), counted in cells, and the trilinear weights (V, 8) of its
+    corners. A place that rounding puts into an empty cell, or outside, is moved to the nearest filled one."""
+    cell = np.clip(np.floor(places).astype(int), 0, np.array(filled.shape) - 1)
+    astray = np.flatnonzero(~filled[tuple(cell.T)])
+    if len(astray):
+        full = np.stack(np.nonzero(filled), 1)
+        for some in np.array_split(astray, -(-len(astray) * len(full) // 10_000_000)):
+            away = np.maximum(np.abs(places[some, None] - (full + 0.5)) - 0.5, 0.0)
+            cell[some] = full[np.argmin((away**2).sum(2), 1)]
+    at = np.clip(places - cell, 0.0, 1.0)
+    sides = np.stack([1.0 - at, at])  # (2, V, 3)
+    weights = np.stack([sides[a, :, 0] * sides[b, :, 1] * sides[c, :, 2] for a, b, c in CORNERS], 1)
+    return cell, weights
+
+
+def split_edges(points: np.ndarray, triangles: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
+    """The mesh with every edge longer than `longest` [m] cut in halves, and again, until none is left. Both triangles
+    at an edge are cut at the same new point, so that nothing gapes when the points move."""
+    while True:
+        edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
+        key, which = np.unique(edges[:, 0].astype(np.int64) * len(points) + edges[:, 1], return_inverse=True)
+        ends = np.stack(np.divmod(key, len(points)), 1)
+        long = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1) > longest
+        if not long.any():
+            return points, triangles
+        middle = np.where(long, len(points) + np.cumsum(long) - 1, -1)[which].reshape(-1, 3)
+        points = np.concatenate([points, points[ends[long]].mean(1)])
+        triangles = np.concatenate(_cut(triangles, middle))
+
+
+def _cut(triangles: np.ndarray, middle: np.ndarray) -> list[np.ndarray]:
+    """Each triangle in one to four, by which of its edges 01, 12, 20 has a middle; -1 where there is none."""
+    count = (middle >= 0).sum(1)
+    done = [triangles[count == 0]]
+    for turn in range(3):  # so that the cut edge, or the uncut one, is the first
+        (a, b, c), (ab, bc, ca) = np.roll(triangles, -turn, 1).T, np.roll(middle, -turn, 1).T
+        one = (count == 1) & (ab >= 0)
+        done += [np.stack([a, ab, c], 1)[one], np.stack([ab, b, c], 1)[one]]
+        two = (count == 2) & (ab < 0)
+        done += [np.stack([ca, bc, c], 1)[two], np.stack([a, b, bc], 1)[two], np.stack([a, bc, ca], 1)[two]]
+    (a, b, c), (ab, bc, ca) = triangles[count == 3].T, middle[count == 3].T
+    return done + [np.stack(t, 1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
