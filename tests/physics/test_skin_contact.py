@@ -95,7 +95,7 @@ def test_with_a_box_beside_it_each_touches_in_its_own_way():
         simulation.advance(0.11)
     exact = both.x.dtype == np.float64
     assert both.x[: len(alone.x)] == pytest.approx(alone.x, abs=1e-12 if exact else 1e-5)
-    assert -0.01 < both.x[len(alone.x) :, 1].min() < 0.0 and -0.01 < lowest(alone) < 0.0
+    assert -0.01 < both.x[len(alone.x) :, 1].min() < 0.0 and -0.03 < lowest(alone) < 0.0
     compiled = [set(facts(simulation)["compiled_in"]) & {"contact", "skin contact"} for simulation in (alone, both)]
     assert compiled == [{"skin contact"}, {"contact", "skin contact"}]
 
