@@ -5,11 +5,13 @@ import os
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 __version__ = "0.1.0"
 
+from taichi_jello.keyframes import GravityKeyframe, Keyframe, Move
 from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.colliders.room import Room
 from taichi_jello.physics.colliders.sphere import Sphere
 from taichi_jello.physics.forces.field import CallableField, GridField, UniformField
 from taichi_jello.physics.forces.grab import Grab
+from taichi_jello.region import Region
 from taichi_jello.scene import Camera, Contact, Pin, Scene, SceneError, Solver
 from taichi_jello.shapes.ball import Ball
 from taichi_jello.shapes.lattice import Box
@@ -25,9 +27,13 @@ __all__ = [
     "Contact",
     "Diverged",
     "Grab",
+    "GravityKeyframe",
     "GridField",
+    "Keyframe",
+    "Move",
     "Pin",
     "Plane",
+    "Region",
     "Room",
     "Rope",
     "Scene",

@@ -23,8 +23,11 @@ def facts(simulation: Simulation) -> dict[str, Any]:
         "particles": len(body),
         "springs": {name: int(n) for name, n in zip(FAMILY_NAMES, count, strict=True) if n},
         "form": _form(system.team),
-        "compiled_in": [force.title for force in system.all_forces] + [simulation.method] + system.particles.traits(),
-        "left_out": system.absent + system.particles.absent_traits(),
+        "compiled_in": [force.title for force in system.all_forces]
+        + [simulation.method]
+        + system.particles.traits()
+        + [change.title for change in system.changes.all],
+        "left_out": system.absent + system.particles.absent_traits() + system.changes.absent,
         "fields": dict(fields),
         "bytes": sum(size for *_, size in system.memory.fields),
         "bound": {

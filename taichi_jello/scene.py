@@ -7,83 +7,17 @@ The names are those of the TOML format, so that one description serves Python, f
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from math import isfinite
 from typing import Any, ClassVar
 
 import numpy as np
 
 from taichi_jello.body import Body
+from taichi_jello.checked import FAMILIES, Checked, SceneError, Vector, by_family, number, vector, word
+from taichi_jello.checked import whole as whole
+from taichi_jello.keyframes import GravityKeyframe, Keyframe, Move, offset
+from taichi_jello.region import Region
 
-FAMILIES = ("structural", "shear", "bend")
-COLORS = ("force", "strain", "family", "plain")
-Vector = tuple[float, float, float]
-
-
-class SceneError(ValueError):
-    """A scene that cannot be: `key` says where, `problem` what was expected and what was found."""
-
-    def __init__(self, key: str, problem: str):
-        super().__init__(f"{key}: {problem}" if key else problem)
-        self.key, self.problem = key, problem
-
-    def within(self, prefix: str) -> "SceneError":
-        """The same error seen from the table that holds it."""
-        return SceneError(f"{prefix}.{self.key}" if self.key else prefix, self.problem)
-
-
-def number(key: str, value: Any, *, low: float = -np.inf, above: float = -np.inf) -> float:
-    """`value` as a finite float, at least `low` and more than `above`."""
-    wanted = "a finite number"
-    if above > -np.inf:
-        wanted += f" greater than {above:g}"
-    elif low > -np.inf:
-        wanted += f" of at least {low:g}"
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-        raise SceneError(key, f"expected {wanted}, got {value!r}")
-    if not isfinite(value) or value < low or value <= above:
-        raise SceneError(key, f"expected {wanted}, got {value:g}")
-    return float(value)
-
-
-def whole(key: str, value: Any, *, low: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < low:
-        raise SceneError(key, f"expected a whole number of at least {low}, got {value!r}")
-    return int(value)
-
-
-def vector(key: str, value: Any, **limits: float) -> Vector:
-    if isinstance(value, str) or not isinstance(value, (Sequence, np.ndarray)) or len(value) != 3:
-        raise SceneError(key, f"expected three numbers [x, y, z], got {value!r}")
-    x, y, z = (number(f"{key}.{axis}", part, **limits) for axis, part in enumerate(value))
-    return (x, y, z)
-
-
-def word(key: str, value: Any, allowed: Sequence[str] | None = None) -> str:
-    if not isinstance(value, str):
-        raise SceneError(key, f"expected text, got {value!r}")
-    if allowed is not None and value not in allowed:
-        raise SceneError(key, f"expected one of {', '.join(allowed)}, got {value!r}")
-    return value
-
-
-def by_family(key: str, value: Any) -> Any:
-    """One number for all springs, or a table with a number for each family that is named."""
-    if isinstance(value, dict):
-        for family in value:
-            word(key, family, FAMILIES)
-        return {family: number(f"{key}.{family}", one, low=0.0) for family, one in value.items()}
-    return number(key, value, low=0.0)
-
-
-class Checked:
-    """A frozen dataclass whose `check` returns the normalised value of its fields by name."""
-
-    def check(self) -> dict[str, Any]:
-        raise TypeError(f"{type(self).__name__} must define check()")
-
-    def __post_init__(self) -> None:
-        for name, value in self.check().items():
-            object.__setattr__(self, name, value)
+COLORS = ("force", "strain", "stiffness", "family", "plain")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,9 +72,23 @@ class Camera(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Collider(Checked):
-    """A rigid obstacle. A subclass in `physics/colliders` names its `type` and says how it is touched and drawn."""
+    """A rigid obstacle. A subclass in `physics/colliders` names its `type` and says how it is touched and drawn, as if
+    it had no keyframes: these move all of it."""
 
     type: ClassVar[str]
+    parts: ClassVar[dict[str, type[Checked]]] = {"keyframe": Move}
+    keyframe: Sequence[Move] = ()
+
+    def moved_rows(self, start: float, end: float) -> np.ndarray:
+        """Its `rows` where its keyframes have moved it."""
+        rows, here = self.rows(start, end).copy(), offset(self.keyframe, start)
+        rows[:, :3] += here
+        rows[:, 3:6] += (offset(self.keyframe, end) - here) / (end - start)
+        return rows
+
+    def place(self, time: float) -> np.ndarray:
+        """Its `origin` (3,) where its keyframes have moved it."""
+        return self.origin(time) + offset(self.keyframe, time)
 
     def rows(self, start: float, end: float) -> np.ndarray:
         """(n, 10): for each of its surfaces the origin at time `start` [m], the velocity that carries it to its
@@ -173,7 +121,7 @@ class Force(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Pin(Checked):
-    """Points held still: those whose rest position, 0 to 1 along each axis of the shape, lies in the box."""
+    """Points held: those whose rest position, 0 to 1 along each axis of the shape, lies in the box."""
 
     min: Vector = (0.0, 0.0, 0.0)
     max: Vector = (1.0, 1.0, 1.0)
@@ -203,6 +151,9 @@ class Jello(Checked):
     stiffness: Any = 200.0
     damping: Any = 0.25
     pin: Sequence[Pin] = ()
+    region: Sequence[Region] = ()
+    keyframe: Sequence[Keyframe] = ()
+    parts: ClassVar[dict[str, type[Checked]]] = {"pin": Pin, "region": Region, "keyframe": Keyframe}
 
     def check(self) -> dict[str, Any]:
         if isinstance(self.springs, str) or not isinstance(self.springs, Sequence):
@@ -212,12 +163,21 @@ class Jello(Checked):
             "springs": tuple(word("springs", family, FAMILIES) for family in self.springs),
             "stiffness": by_family("stiffness", self.stiffness),
             "damping": by_family("damping", self.damping),
-            "pin": tuple(self.pin),
         }
 
     def body(self) -> Body:
         """Its points, springs and skin."""
         raise TypeError(f"{type(self).__name__} must define body()")
+
+    @property
+    def changes(self) -> bool:
+        """Whether its springs change with time."""
+        return bool(self.keyframe)
+
+    @property
+    def takes_its_own_shape(self) -> bool:
+        """Whether its springs change one by one."""
+        return any(row.freeze for row in self.keyframe)
 
     def coefficient(self, name: str, family: str) -> float:
         """`stiffness` or `damping` of one family; a family missing from a table has none."""
@@ -227,7 +187,8 @@ class Jello(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Scene(Checked):
-    """A whole world: gravity [m/s²], drag [1/s], headless length `seconds`, jellos, colliders and external forces."""
+    """A whole world: gravity [m/s²], drag [1/s], headless length `seconds`, jellos, colliders and external forces.
+    Keyframes of its own, if it has any, say what gravity is."""
 
     title: str = ""
     gravity: Vector = (0.0, -9.81, 0.0)
@@ -239,6 +200,8 @@ class Scene(Checked):
     collider: Sequence[Collider] = ()
     jello: Sequence[Jello] = ()
     force: Sequence[Force] = ()
+    keyframe: Sequence[GravityKeyframe] = ()
+    parts: ClassVar[dict[str, type[Checked]]] = {"keyframe": GravityKeyframe}
 
     def check(self) -> dict[str, Any]:
         if not self.jello:

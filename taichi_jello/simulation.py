@@ -1,14 +1,15 @@
 """Simulation: a scene in motion. Clock, frames and substeps, snapshots, and what happens when numbers go bad."""
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from math import ceil
 from typing import Any
 
 import numpy as np
 
 from taichi_jello import runtime
-from taichi_jello.body import Body, join
+from taichi_jello.assembly import assembled
+from taichi_jello.body import Body
 from taichi_jello.physics.colliders.room import Room
 from taichi_jello.physics.forces.grab import MOST, Hand, Held
 from taichi_jello.physics.system import System
@@ -32,11 +33,13 @@ class Diverged(RuntimeError):
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Everything a run needs to go on to the same bits: time [s], x [m] and v [m/s], (N, 3)."""
+    """Everything a run needs to go on to the same bits: time [s], x [m] and v [m/s], (N, 3), and a memory of what has
+    changed in the springs, empty where nothing changes. Without it a run goes on as if nothing had changed before."""
 
     time: float
     x: np.ndarray
     v: np.ndarray
+    memory: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 class Simulation:
@@ -57,7 +60,7 @@ class Simulation:
         team: int | None = None,
     ):
         self.scene = scene
-        self.body: Body = join([jello.body() for jello in scene.jello])
+        self.body: Body = assembled(scene)
         self._check_rooms()
         self.method = method or scene.solver.method
         self.frame_dt = scene.solver.frame_dt
@@ -133,6 +136,12 @@ class Simulation:
         self._begin_frame()
         return self.system.energies(self._done * self.dt)
 
+    @property
+    def work(self) -> dict[str, float]:
+        """Energy [J] that changes of the springs and of gravity have put into the scene (or, negative, taken out)
+        until now, by what for; empty where nothing changes."""
+        return self.system.changes.work
+
     def frame(self) -> None:
         """Go on to the end of the current frame. Raises Diverged, back at the frame's beginning."""
         self.step(self.substeps - self._done)
@@ -181,7 +190,7 @@ class Simulation:
     def snapshot(self) -> Snapshot:
         """A copy of this moment."""
         runtime.check(self.system.owner)
-        return Snapshot(self.time, *self.system.read())
+        return Snapshot(self.time, *self.system.read(), self.system.changes.memory())
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back (or on) to a snapshot of the same scene; running on from it gives the same bits as before.
@@ -197,6 +206,7 @@ class Simulation:
             if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
                 raise ValueError(f"{name}: expected finite numbers")
         self.system.write(snapshot.x, snapshot.v)
+        self.system.changes.recall(snapshot.memory)
         self._set_time(snapshot.time)
 
     def _set_time(self, time: float) -> None:
@@ -276,7 +286,7 @@ class Simulation:
         """Add `velocity` (3,) [m/s] to all free particles, or to those of one jello: a kick."""
         kick, now = np.array(vector("velocity", velocity)), self.snapshot()
         moved = ~self.body.pinned & (True if jello is None else self.body.jello == jello)
-        self.restore(Snapshot(now.time, now.x, now.v + moved[:, None] * kick))
+        self.restore(replace(now, v=now.v + moved[:, None] * kick))
 
     @property
     def held(self) -> Held | None:

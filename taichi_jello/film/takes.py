@@ -65,7 +65,7 @@ class Skins:
 
     def take(self) -> Mesh:
         now, skin = self.simulation.snapshot(), self.drawing.skin
-        self.drawing.update(now.x, now.v, now.time)
+        self.drawing.update(now.x, now.v, now.time, memory=now.memory)
         assert skin is not None
         # The skin's index, not the triangles': those are sorted anew for every picture.
         rgb = np.round(255.0 * skin.triangles.rgba[:, :3].clip(0.0, 1.0)).astype(np.uint8)

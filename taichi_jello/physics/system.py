@@ -9,6 +9,7 @@ from taichi_jello import runtime
 from taichi_jello.body import Body
 from taichi_jello.physics import forces as force_folder
 from taichi_jello.physics.bounds import Bound, largest_dt
+from taichi_jello.physics.changes import Changes
 from taichi_jello.physics.forces._base import ParticleForce
 from taichi_jello.physics.forces.springs import Springs
 from taichi_jello.physics.gather import reach
@@ -61,6 +62,7 @@ class System:
         if self.team > 1:
             self.arrivals = ti.field(ti.i64, 1)  # how often threads came to wait_for_team, ever
         self.memory.fill()
+        self.changes = Changes(scene, body, list(self.all_forces))
         self.drag = scene.drag
         self.bound = self._largest_dt()
 
@@ -176,6 +178,7 @@ class System:
             self._parallel_last_stage(self.integrator.stages - 1, step, dt)
 
     def begin_frame(self, start: float, end: float) -> None:
+        self.changes.begin(start, self._good[:, :3])
         for force in self.all_forces:
             force.begin_frame(start, end)
 

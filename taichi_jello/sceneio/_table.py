@@ -6,9 +6,10 @@ from functools import cache
 from typing import Any
 
 from taichi_jello import shapes
+from taichi_jello.checked import SceneError, word
 from taichi_jello.physics import colliders, forces
 from taichi_jello.plugins import classes
-from taichi_jello.scene import Camera, Collider, Contact, Force, Jello, Pin, Scene, SceneError, Solver, word
+from taichi_jello.scene import Camera, Collider, Contact, Force, Jello, Scene, Solver
 
 
 @cache
@@ -18,7 +19,7 @@ def kinds(base: type, name: str) -> dict[str, type]:
     return {getattr(found, name): found for found in classes(folder, base)}
 
 
-def make(kind: type, table: Any, key: str) -> Any:
+def make(kind: Any, table: Any, key: str) -> Any:
     """An instance of the dataclass `kind` from a table of its fields."""
     if not isinstance(table, Mapping):
         raise SceneError(key, f"expected a table, got {table!r}")
@@ -26,6 +27,10 @@ def make(kind: type, table: Any, key: str) -> Any:
     for name in table:
         if name not in names:
             raise SceneError(f"{key}.{name}" if key else name, f"unknown key, expected one of {', '.join(names)}")
+    for name, part in kind.parts.items():
+        if name in table:
+            below = f"{key}.{name}" if key else name
+            table = {**table, name: [make(part, row, f"{below}.{i}") for i, row in enumerate(rows(table, name, key))]}
     try:
         return kind(**table)
     except SceneError as error:
@@ -56,13 +61,6 @@ def rows(table: Mapping[str, Any], name: str, key: str) -> list[Any]:
     return value
 
 
-def make_jello(table: Any, key: str) -> Jello:
-    if isinstance(table, Mapping) and "pin" in table:
-        pins = [make(Pin, pin, f"{key}.pin.{i}") for i, pin in enumerate(rows(table, "pin", key))]
-        table = {**table, "pin": pins}
-    return make_chosen(Jello, "shape", table, key)
-
-
 def scene_from(table: Mapping[str, Any]) -> Scene:
     """The Scene that a file's top-level table describes; raises SceneError with the key of the first mistake."""
     parts, forces = dict(table), kinds(Force, "key")
@@ -76,7 +74,7 @@ def scene_from(table: Mapping[str, Any]) -> Scene:
     parts["collider"] = [
         make_chosen(Collider, "type", one, f"collider.{i}") for i, one in enumerate(rows(table, "collider", ""))
     ]
-    parts["jello"] = [make_jello(one, f"jello.{i}") for i, one in enumerate(rows(table, "jello", ""))]
+    parts["jello"] = [make_chosen(Jello, "shape", one, f"jello.{i}") for i, one in enumerate(rows(table, "jello", ""))]
     parts["force"] = []
     for name in [name for name in table if name in forces]:
         tables = parts.pop(name)

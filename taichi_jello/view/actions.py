@@ -167,7 +167,7 @@ HELP = (
     ("M", "next method"),
     ("N", "next demo"),
     ("Tab", "panel and energies"),
-    ("C", "color: force, strain, family, plain"),
+    ("C", "color: force, strain, stiffness, family, plain"),
     ("K", "show: skin, springs, particles"),
     ("P", "save a picture"),
     ("V", "film, end the film"),

@@ -4,6 +4,7 @@ renderer."""
 import numpy as np
 
 from taichi_jello.body import Body
+from taichi_jello.law import NOTHING, Memory, law_at
 from taichi_jello.scene import COLORS, Scene
 from taichi_jello.view import palette
 from taichi_jello.view.camera import Viewpoint
@@ -26,8 +27,9 @@ class Drawing:
     """
 
     def __init__(self, scene: Scene, body: Body):
-        self.count = len(body)
+        self.scene, self.body, self.count = scene, body, len(body)
         self.hidden: set[str] = set()
+        self.changing = any(jello.changes for jello in scene.jello)
         self.color = scene.camera.color
         self.viewpoint = Viewpoint.of(scene.camera)
         self.surroundings = Surroundings(scene) if scene.collider else None
@@ -77,9 +79,11 @@ class Drawing:
         *,
         viewpoint: Viewpoint | None = None,
         color: str = "",
+        memory: Memory = NOTHING,
     ) -> None:
         """Fill every part from positions x (N, 3) [m] and velocities v (N, 3) [m/s] at `time` [s], as seen
-        from `viewpoint`. color, one of COLORS, and viewpoint are by default the scene's own."""
+        from `viewpoint`. color, one of COLORS, and viewpoint are by default the scene's own; `memory`, of a
+        Snapshot, says what has changed in the springs."""
         color = color or self.color
         if color not in COLORS:
             raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
@@ -97,6 +101,8 @@ class Drawing:
             for index, shadow in self.shadows:
                 shadow.update(self._points, origins[index], look)
         if self.springs is not None:
+            if self.changing:
+                self.springs.obey(law_at(self.scene, self.body, time, memory))
             self.springs.update(self._points, self._speeds, look, color)
         if self.skin is not None and "skin" not in self.hidden:
             self.skin.update(self._points, skin, look)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from taichi_jello.law import law_at
 from taichi_jello.view.springs import loads
 
 SPAN = 5.0  # s of the past that is kept
@@ -45,5 +46,6 @@ def largest_force(simulation: Any, x: np.ndarray, v: np.ndarray) -> float:
     if not len(body.springs):
         return 0.0
     i, j = body.springs.T
-    stiffness, damping = (tuning.get(name, 1.0) * getattr(body, name) for name in ("stiffness", "damping"))
-    return float(loads(x[j] - x[i], v[j] - v[i], body.rest_length, stiffness, damping).max())
+    law = law_at(simulation.scene, body, simulation.time, simulation.snapshot().memory)
+    stiffness, damping = (tuning.get(name, 1.0) * getattr(law, name) for name in ("stiffness", "damping"))
+    return float(loads(x[j] - x[i], v[j] - v[i], law.rest_length, stiffness, damping).max())

@@ -65,7 +65,7 @@ def finished(
 ) -> np.ndarray:
     """(height, width, 3) uint8: the simulation as it is now, drawn into a picture with its legend."""
     now = simulation.snapshot()
-    drawing.update(now.x, now.v, now.time, color=color)
+    drawing.update(now.x, now.v, now.time, color=color, memory=now.memory)
     renderer.draw(drawing, drawing.viewpoint)
     image = renderer.image()
     if legend:

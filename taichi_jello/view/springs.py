@@ -1,10 +1,11 @@
-"""Springs as lines, coloured by force, strain or family."""
+"""Springs as lines, coloured by force, strain, stiffness or family."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from taichi_jello.body import FAMILY_NAMES, Body
+from taichi_jello.law import Law
 from taichi_jello.view import palette
 from taichi_jello.view.primitives import WIDTH, Lines
 from taichi_jello.view.shading import TOWARDS_EYE, clip
@@ -80,7 +81,8 @@ class Springs:
         layer = layers(body)
         order = np.argsort(layer, kind="stable")
         self.pairs = np.ascontiguousarray(body.springs[order], np.int32)
-        self.coefficients = [a[order].astype(np.float32) for a in (body.rest_length, body.stiffness, body.damping)]
+        self._order = order
+        self.obey(Law(body.stiffness, body.rest_length, body.damping))
         self.families = np.minimum(body.family, 3).astype(np.intp)[order]
         self.everything = False
         self.scale = (1.0, 1.0)
@@ -92,6 +94,12 @@ class Springs:
         self._table = ramp_table()
         typical = np.median(body.rest_length * body.stiffness) if len(self.pairs) else 0.0
         self._floor = {"force": FLOOR * float(typical), "strain": FLOOR}
+
+    def obey(self, law: Law) -> None:
+        """Show springs that are as `law` says from now on."""
+        self.law = law
+        numbers = (law.rest_length, law.stiffness, law.damping)
+        self.coefficients = [values[self._order].astype(np.float32) for values in numbers]
 
     def update(self, x: np.ndarray, v: np.ndarray, look: np.ndarray, color: str) -> None:
         shown = len(self.pairs) if self.everything else int(self._counts[1 if color == "family" else 0])
@@ -105,6 +113,8 @@ class Springs:
             rgb, self.key = self._by_family(self.families[:shown])
         elif color == "plain":
             rgb, self.key = palette.PLAIN, Key()
+        elif color == "stiffness":
+            rgb, self.key = self._by_stiffness(firm * stiffness)
         elif color == "strain":
             rgb, self.key = self._by_load(color, strains(b - a, rest))
         else:
@@ -119,6 +129,12 @@ class Springs:
         ramp = self._table
         named = Key("spring force", "N", most, ramp) if color == "force" else Key("strain", "%", 100.0 * most, ramp)
         return ramp[shade][:, None], named
+
+    def _by_stiffness(self, stiffness: np.ndarray) -> tuple[np.ndarray, Key]:
+        """From no stiffness to that of the stiffest spring drawn."""
+        most = round_up(float(stiffness.max()))
+        shade = np.minimum(stiffness * ((SHADES - 1) / most), SHADES - 1).astype(np.intp)
+        return self._table[shade][:, None], Key("stiffness", "N/m", most, self._table)
 
     def _by_family(self, families: np.ndarray) -> tuple[np.ndarray, Key]:
         names = tuple((FAMILY_NAMES[f], palette.FAMILIES[f]) for f in np.unique(families))

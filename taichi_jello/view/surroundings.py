@@ -79,7 +79,7 @@ class Surroundings:
 
     def origins(self, time: float) -> np.ndarray:
         """(colliders, 3) [m]."""
-        return np.array([s.collider.origin(time) for s in self.surfaces], np.float32)
+        return np.array([s.collider.place(time) for s in self.surfaces], np.float32)
 
     def update(self, origins: np.ndarray, look: np.ndarray) -> None:
         if len(self._meshes):
@@ -92,7 +92,7 @@ class Surroundings:
 
 def _away(points: np.ndarray, collider: Collider) -> np.ndarray:
     """How far [m] points lie from the world's vertical axis when the scene starts."""
-    places = points + collider.origin(0.0)
+    places = points + collider.place(0.0)
     return np.hypot(places[..., 0], places[..., 2])
 
 

@@ -190,7 +190,7 @@ class Viewer:
             self.drawing.springs.everything = self.shown == "all springs"
             self.drawing.springs.scale = (tuning.get("stiffness", 1.0), tuning.get("damping", 1.0))
         now = self.simulation.snapshot()
-        self.drawing.update(now.x, now.v, now.time, viewpoint=self.viewpoint, color=self.color)
+        self.drawing.update(now.x, now.v, now.time, viewpoint=self.viewpoint, color=self.color, memory=now.memory)
         if self.panelled:
             self.gauges.read(self.simulation, now.x, now.v)
 

@@ -59,8 +59,10 @@ class PenaltyContact(ParticleForce):
         self.rubs = scene.contact.friction > 0.0
         self.law = particles.memory.table(self.title, "law", np.array([self._law()]))
         self.rows = particles.memory.table(self.title, "surfaces", self._rows(0.0, scene.solver.frame_dt))
-        self.moving = not np.array_equal(self._rows(0.0, 1.0), self._rows(1.0, 2.0)) or any(
-            np.any(row[3:6]) for row in self._rows(0.0, 1.0)
+        self.moving = (
+            any(c.keyframe for c in self.colliders)
+            or not np.array_equal(self._rows(0.0, 1.0), self._rows(1.0, 2.0))
+            or any(np.any(row[3:6]) for row in self._rows(0.0, 1.0))
         )
         self.masked = False
 
@@ -98,7 +100,7 @@ class PenaltyContact(ParticleForce):
         return sorted(colliders, key=lambda c: kinds.index(c.signed_distance))
 
     def _rows(self, start, end):
-        return np.concatenate([c.rows(start, end) for c in self.colliders])
+        return np.concatenate([c.moved_rows(start, end) for c in self.colliders])
 
     def begin_frame(self, start, end):
         if self.moving:
@@ -194,5 +196,7 @@ class PenaltyContact(ParticleForce):
         reach = getattr(a, "radius", None), getattr(b, "radius", None)
         if None in reach:
             return False
-        still = all(np.array_equal(s.origin(0.0), s.origin(time)) for s in (a, b) for time in (0.37, 1.0))
-        return still and np.linalg.norm(a.origin(0.0) - b.origin(0.0)) > sum(reach)
+        still = not (a.keyframe or b.keyframe) and all(
+            np.array_equal(s.place(0.0), s.place(time)) for s in (a, b) for time in (0.37, 1.0)
+        )
+        return still and np.linalg.norm(a.place(0.0) - b.place(0.0)) > sum(reach)

@@ -3,6 +3,7 @@
 import numpy as np
 import taichi as ti
 
+from taichi_jello.keyframes import gravity
 from taichi_jello.physics.forces._base import ParticleForce
 
 
@@ -11,19 +12,26 @@ class Gravity(ParticleForce):
     title = "gravity"
     energy_kind = "gravity"
 
-    def __init__(self, particles, acceleration):
-        self.particles, self.acceleration = particles, tuple(acceleration)
+    def __init__(self, particles, acceleration, live):
+        self.particles, self.acceleration, self.live = particles, tuple(acceleration), live
         self.g = particles.memory.table(self.title, "g", np.array([acceleration], float))
 
     @classmethod
     def made_for(cls, scene, particles):
-        return [cls(particles, scene.gravity)] if any(scene.gravity) else []
+        if scene.keyframe:
+            return [cls(particles, gravity(scene.keyframe, 0.0), live=False)]
+        return [cls(particles, scene.gravity, live=True)] if any(scene.gravity) else []
 
     def tuning(self):
-        return {"gravity": self.acceleration}
+        """Nothing where keyframes say what gravity is."""
+        return {"gravity": self.acceleration} if self.live else {}
 
     def tune(self, name, value):
-        self.acceleration = tuple(map(float, value))
+        self.set(value)
+
+    def set(self, acceleration):
+        """Let gravity be `acceleration` (3,) [m/s²] from now on."""
+        self.acceleration = tuple(map(float, acceleration))
         self.g.from_numpy(np.array([self.acceleration], self.particles.memory.number))
 
     @ti.func

@@ -5,6 +5,7 @@ from functools import cached_property
 import numpy as np
 import taichi as ti
 
+from taichi_jello.law import strongest
 from taichi_jello.physics.bounds import largest_eigenvalue
 from taichi_jello.physics.forces._base import ParticleForce, Rates
 from taichi_jello.physics.gather import pack
@@ -32,27 +33,36 @@ class Springs(ParticleForce):
     energy_kind = "elastic"
     in_passes = True
 
-    def __init__(self, particles):
-        body, memory = particles.body, particles.memory
-        packed = pack(body)
+    def __init__(self, scene, particles):
+        self.scene, self.body, memory = scene, particles.body, particles.memory
+        apart = self.body.jello[self.body.springs[:, 0]] if any(jello.keyframe for jello in scene.jello) else None
+        packed = pack(self.body, apart, single=any(jello.takes_its_own_shape for jello in scene.jello))
         # A distance too small to show beside any other makes a spring of no length push along its rest direction.
         tiny = 1e-15 if memory.owner.precision == "f32" else 1e-100
         packed.materials[:, 3:] *= tiny
-        self.body, self.number, self.scales = body, memory.number, {"stiffness": 1.0, "damping": 1.0}
-        self.written = packed.materials
-        self.damped = self.reads_velocity = bool(body.damping.any())
+        self.number, self.scales = memory.number, {"stiffness": 1.0, "damping": 1.0}
+        self.written, self.example, self.single = packed.materials, packed.example, packed.single
+        self.damped = self.reads_velocity = bool(self.body.damping.any())
         self.lanes, self.Lanes = memory.lanes, memory.lane_vector
         for name in ("start", "entries", "materials"):
             setattr(self, name, memory.table(self.title, name, getattr(packed, name)))
 
     @classmethod
     def made_for(cls, scene, particles):
-        return [cls(particles)] if len(particles.body.springs) else []
+        return [cls(scene, particles)] if len(particles.body.springs) else []
+
+    @ti.func
+    def place(self, material, i):
+        """Where the table `materials` has the material of particle i in an entry."""
+        at = material
+        if ti.static(self.single):
+            at += i & (LANES - 1)
+        return at
 
     @ti.func
     def along(self, material, i, j, x, v):
         """The force on particle i of its spring to j."""
-        m = self.materials[material]
+        m = self.materials[self.place(material, i)]
         d = x[j] - x[i] + ti.Vector([m[3], m[4], m[5]])
         inverse_length = 1.0 / ti.sqrt(d.dot(d))
         s = hooke(inverse_length, m[0], m[1])
@@ -85,7 +95,7 @@ class Springs(ParticleForce):
         for e in range(self.start[i // LANES], self.start[i // LANES + 1]):
             entry = self.entries[e]
             if (entry[1] >> (i % LANES)) & 1:
-                m = self.materials[entry[2]]
+                m = self.materials[self.place(entry[2], i)]
                 stretch = (x[i + entry[0]] - x[i]).norm() - m[1]
                 total += 0.25 * m[0] * stretch * stretch
         return total
@@ -96,6 +106,17 @@ class Springs(ParticleForce):
     def tune(self, name, value):
         """Scale all stiffnesses, or all dampings, of the scene by `value`."""
         self.scales[name] = float(value)
+        self._write()
+
+    def obey(self, law):
+        """Let all springs be as `law` says (see taichi_jello.law), scaled as these are."""
+        used = self.example >= 0
+        which = self.example[used]
+        for column, values in enumerate((law.stiffness, law.rest_length, law.damping)):
+            self.written[used, column] = values[which]
+        self._write()
+
+    def _write(self):
         scaled = self.written.copy()
         scaled[:, 0] *= self.scales["stiffness"]
         scaled[:, 2] *= self.scales["damping"]
@@ -111,13 +132,13 @@ class Springs(ParticleForce):
     @cached_property
     def own_rates(self):
         """For every configuration a spring's stiffness matrix is at most k I and its damping matrix at most c I, so
-        the weighted graph Laplacians of the network bound both."""
+        the weighted graph Laplacians of the network bound both, with the largest k and c that keyframes give."""
         body = self.body
-        stiff, damped = body.stiffness > 0.0, body.damping > 0.0
-        ratio = body.damping[stiff] / body.stiffness[stiff]
+        stiffness, damping, ratio = strongest(self.scene, body)
+        stiff, damped = stiffness > 0.0, damping > 0.0
         inverse_mass = np.where(body.pinned, 0.0, 1.0 / body.mass)
         return Rates(
-            squared_frequency=largest_eigenvalue(body.springs[stiff], body.stiffness[stiff], inverse_mass),
-            damping=largest_eigenvalue(body.springs[damped], body.damping[damped], inverse_mass),
-            damping_time=float(ratio.min()) if len(ratio) else np.inf,
+            squared_frequency=largest_eigenvalue(body.springs[stiff], stiffness[stiff], inverse_mass),
+            damping=largest_eigenvalue(body.springs[damped], damping[damped], inverse_mass),
+            damping_time=ratio,
         )

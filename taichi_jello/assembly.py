@@ -1,0 +1,25 @@
+"""From the jellos of a scene to its one Body: each jello's shape, then its material."""
+
+from dataclasses import replace
+
+from taichi_jello.body import Body, join
+from taichi_jello.checked import SceneError
+from taichi_jello.region import divided
+from taichi_jello.scene import Jello, Scene
+
+
+def built(jello: Jello) -> Body:
+    """The points and springs of one jello, with the material of its regions."""
+    body = jello.body()
+    return replace(body, **divided(body, tuple(jello.region))) if jello.region else body
+
+
+def assembled(scene: Scene) -> Body:
+    """All jellos of the scene as one body. Raises SceneError naming the jello that cannot be built."""
+    bodies = []
+    for index, jello in enumerate(scene.jello):
+        try:
+            bodies.append(built(jello))
+        except SceneError as error:
+            raise error.within(f"jello.{index}") from None
+    return join(bodies)

@@ -1,0 +1,93 @@
+"""Values that a person gave, checked when a description is made: every mistake names its key and what was expected."""
+
+from collections.abc import Sequence
+from math import isfinite
+from typing import Any, ClassVar
+
+import numpy as np
+
+FAMILIES = ("structural", "shear", "bend")
+Vector = tuple[float, float, float]
+
+
+class SceneError(ValueError):
+    """A scene that cannot be: `key` says where, `problem` what was expected and what was found."""
+
+    def __init__(self, key: str, problem: str):
+        super().__init__(f"{key}: {problem}" if key else problem)
+        self.key, self.problem = key, problem
+
+    def within(self, prefix: str) -> "SceneError":
+        """The same error seen from the table that holds it."""
+        return SceneError(f"{prefix}.{self.key}" if self.key else prefix, self.problem)
+
+
+def number(key: str, value: Any, *, low: float = -np.inf, above: float = -np.inf) -> float:
+    """`value` as a finite float, at least `low` and more than `above`."""
+    wanted = "a finite number"
+    if above > -np.inf:
+        wanted += f" greater than {above:g}"
+    elif low > -np.inf:
+        wanted += f" of at least {low:g}"
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+        raise SceneError(key, f"expected {wanted}, got {value!r}")
+    if not isfinite(value) or value < low or value <= above:
+        raise SceneError(key, f"expected {wanted}, got {value:g}")
+    return float(value)
+
+
+def whole(key: str, value: Any, *, low: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < low:
+        raise SceneError(key, f"expected a whole number of at least {low}, got {value!r}")
+    return int(value)
+
+
+def vector(key: str, value: Any, **limits: float) -> Vector:
+    if isinstance(value, str) or not isinstance(value, (Sequence, np.ndarray)) or len(value) != 3:
+        raise SceneError(key, f"expected three numbers [x, y, z], got {value!r}")
+    x, y, z = (number(f"{key}.{axis}", part, **limits) for axis, part in enumerate(value))
+    return (x, y, z)
+
+
+def word(key: str, value: Any, allowed: Sequence[str] | None = None) -> str:
+    if not isinstance(value, str):
+        raise SceneError(key, f"expected text, got {value!r}")
+    if allowed is not None and value not in allowed:
+        raise SceneError(key, f"expected one of {', '.join(allowed)}, got {value!r}")
+    return value
+
+
+def by_family(key: str, value: Any) -> Any:
+    """One number for all springs, or a table with a number for each family that is named."""
+    if isinstance(value, dict):
+        for family in value:
+            word(key, family, FAMILIES)
+        return {family: number(f"{key}.{family}", one, low=0.0) for family, one in value.items()}
+    return number(key, value, low=0.0)
+
+
+class Checked:
+    """A frozen dataclass whose `check` returns the normalised value of its fields by name. `parts`: fields that are
+    lists of descriptions of one kind, by name; `together` checks the whole list of a kind."""
+
+    parts: ClassVar[dict[str, type["Checked"]]] = {}
+
+    def check(self) -> dict[str, Any]:
+        raise TypeError(f"{type(self).__name__} must define check()")
+
+    @classmethod
+    def together(cls, key: str, rows: Sequence[Any]) -> None:
+        """Raise SceneError, below `key`, for rows of this kind that cannot stand together."""
+
+    def __post_init__(self) -> None:
+        for name, value in self.check().items():
+            object.__setattr__(self, name, value)
+        for name, kind in self.parts.items():
+            rows = getattr(self, name)
+            if isinstance(rows, (str, dict)) or not isinstance(rows, Sequence):
+                raise SceneError(name, f"expected a list of {kind.__name__}, got {rows!r}")
+            for index, row in enumerate(rows):
+                if not isinstance(row, kind):
+                    raise SceneError(f"{name}.{index}", f"expected a {kind.__name__}, got {row!r}")
+            kind.together(name, rows)
+            object.__setattr__(self, name, tuple(rows))

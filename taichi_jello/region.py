@@ -1,0 +1,126 @@
+"""Parts of a jello whose springs are stiffer, softer or more damped than the rest."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from taichi_jello.body import Body
+from taichi_jello.checked import FAMILIES, Checked, SceneError, Vector, by_family, number, vector
+
+
+def places(body: Body, points: np.ndarray) -> np.ndarray:
+    """(n, 3) points of the rest shape, 0 to 1 along each axis of the body; 0 along an axis it has no extent in."""
+    low, size = body.rest.min(0), np.ptp(body.rest, axis=0)
+    return (points - low) / np.where(size > 0.0, size, 1.0)
+
+
+def painted(key: str, value: Any) -> Any:
+    """A factor: one number, numbers at the nodes of a grid, x by y by z, or a function of places (n, 3)."""
+    if callable(value):
+        return value
+    if not isinstance(value, (list, tuple, np.ndarray)):
+        return number(key, value, low=0.0)
+    try:
+        grid = np.array(value, float)
+    except (ValueError, TypeError):
+        raise SceneError(key, "expected a number or nested lists of numbers, x by y by z") from None
+    if grid.ndim != 3 or 0 in grid.shape:
+        raise SceneError(key, f"expected x by y by z numbers, got an array of shape {grid.shape}")
+    if not np.isfinite(grid).all() or grid.min() < 0.0:
+        raise SceneError(key, "expected finite numbers of at least 0")
+    return tuple(tuple(tuple(row) for row in plane) for plane in grid.tolist())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Region(Checked):
+    """The springs whose middle lies, in the rest shape with 0 to 1 along each axis, in the box from `min` to `max` or,
+    where a radius is given, in the ball around `center`.
+
+    stiffness [N/m] and damping [N·s/m] of these springs, or tables by family; where left out they stay as they are.
+    stiffness_factor and damping_factor multiply what the springs have: one number, or an x by y by z array of them that
+    is linear between its nodes, which span the box `min` to `max`, or a function of the places (n, 3).
+    """
+
+    min: Vector = (0.0, 0.0, 0.0)
+    max: Vector = (1.0, 1.0, 1.0)
+    center: Vector = (0.5, 0.5, 0.5)
+    radius: float | None = None
+    stiffness: Any = None
+    damping: Any = None
+    stiffness_factor: Any = 1.0
+    damping_factor: Any = 1.0
+
+    def check(self) -> dict[str, Any]:
+        low, high = vector("min", self.min), vector("max", self.max)
+        if any(a > b for a, b in zip(low, high, strict=True)):
+            raise SceneError("max", f"expected at least min {list(low)} on every axis, got {list(high)}")
+        checked: dict[str, Any] = {"min": low, "max": high, "center": vector("center", self.center)}
+        if self.radius is not None:
+            checked["radius"] = number("radius", self.radius, above=0.0)
+        for name in ("stiffness", "damping"):
+            if getattr(self, name) is not None:
+                checked[name] = by_family(name, getattr(self, name))
+            checked[f"{name}_factor"] = painted(f"{name}_factor", getattr(self, f"{name}_factor"))
+        return checked
+
+    def holds(self, where: np.ndarray) -> np.ndarray:
+        """(n,) whether the places (n, 3) lie inside."""
+        if self.radius is not None:
+            return np.linalg.norm(where - self.center, axis=1) <= self.radius + 1e-9
+        return np.all((where >= np.array(self.min) - 1e-9) & (where <= np.array(self.max) + 1e-9), axis=1)
+
+    def factor(self, name: str, where: np.ndarray) -> np.ndarray:
+        """(n,) by how much the springs at the places (n, 3) are multiplied."""
+        value = getattr(self, name)
+        if not callable(value):
+            return np.full(len(where), value) if isinstance(value, float) else self._between_nodes(value, where)
+        return _called(name, value, where)
+
+    def _between_nodes(self, grid: Any, where: np.ndarray) -> np.ndarray:
+        nodes = np.array(grid)
+        extent = np.array(self.max) - self.min
+        place = np.clip((where - self.min) / np.where(extent > 0.0, extent, 1.0), 0.0, 1.0)
+        for axis, count in enumerate(nodes.shape):  # the first axis goes first: (x, y, z), then (n, y, z), (n, z), (n,)
+            at = place[:, axis] * (count - 1)
+            left = np.minimum(at.astype(int), max(count - 2, 0))
+            right, part = np.minimum(left + 1, count - 1), at - left
+            row = () if axis == 0 else (np.arange(len(where)),)
+            part = part.reshape(-1, *[1] * (2 - axis))
+            nodes = (1.0 - part) * nodes[*row, left] + part * nodes[*row, right]
+        return nodes
+
+
+def _called(name: str, function: Callable[[np.ndarray], Any], where: np.ndarray) -> np.ndarray:
+    value = np.asarray(function(where), float)
+    if value.shape not in ((), (len(where),)):
+        raise SceneError(name, f"expected a function of (n, 3) places that gives (n,) numbers, got shape {value.shape}")
+    if not np.isfinite(value).all() or np.any(value < 0.0):
+        raise SceneError(name, "expected a function that gives finite numbers of at least 0")
+    return np.broadcast_to(value, len(where))
+
+
+def divided(body: Body, regions: tuple[Region, ...]) -> dict[str, np.ndarray]:
+    """stiffness [N/m] and damping [N·s/m] (S,) of the springs of `body`; a later region goes over an earlier one.
+    Raises SceneError for a region that no spring lies in."""
+    middle = places(body, body.rest[body.springs].mean(1)) if len(body.springs) else np.zeros((0, 3))
+    made = {"stiffness": body.stiffness.copy(), "damping": body.damping.copy()}
+    for index, region in enumerate(regions):
+        inside = region.holds(middle)
+        if not inside.any():
+            raise SceneError(
+                f"region.{index}", "expected a part of the body, 0 to 1 along each axis; no spring's middle lies in it"
+            )
+        for name, values in made.items():
+            given = getattr(region, name)
+            if given is not None:
+                table = given if isinstance(given, dict) else {}
+                values[inside] = values[inside] if table else given
+                for family in table:
+                    values[inside & (body.family == FAMILIES.index(family))] = table[family]
+            try:
+                values[inside] *= region.factor(f"{name}_factor", middle[inside])
+            except SceneError as error:
+                raise error.within(f"region.{index}") from None
+    return made
