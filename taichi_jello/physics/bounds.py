@@ -64,7 +64,7 @@ def stable_limit(amplification: Amplification, zeta: np.ndarray) -> np.ndarray:
     """The largest a = ωh for which every smaller step keeps x'' = -ω²x - 2ζωx' bounded, for each damping ratio.
 
     amplification(a, ζ) gives the (…, 2, 2) matrices of one step of length a at ω = 1. Growth below 1e-9 a step
-    counts as bounded; zero where even a = 1e-4 grows faster.
+    counts as bounded; zero where even a = 1e-4 grows faster, infinity where no step on the ladder grows.
     """
     zeta = np.atleast_1d(np.asarray(zeta, float))
 
@@ -82,7 +82,8 @@ def stable_limit(amplification: Amplification, zeta: np.ndarray) -> np.ndarray:
         middle = 0.5 * (low + high)
         worse = unstable(np.maximum(middle, 1e-12)[:, None])[:, 0]
         low, high = np.where(worse, low, middle), np.where(worse, middle, high)
-    return np.where(low < 1e-4 / (1.0 + 2.0 * zeta), 0.0, low)
+    limit = np.where(low < 1e-4 / (1.0 + 2.0 * zeta), 0.0, low)
+    return np.where(bad.any(1), limit, np.inf)
 
 
 @dataclass(frozen=True)

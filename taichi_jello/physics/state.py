@@ -73,6 +73,11 @@ class Memory:
         self.tables.append((made, values))
         return made
 
+    def numbers(self, owner: str, name: str, shape: tuple[int, ...]) -> ti.Field:
+        """A field of numbers, zero everywhere."""
+        self.fields.append((owner, name, int(np.prod(shape)) * np.dtype(self.number).itemsize))
+        return ti.field(float, shape)
+
     def fill(self) -> None:
         """Write all values that fields were asked for with."""
         self.targets = tuple(made for made, _ in self.tables)

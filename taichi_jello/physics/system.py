@@ -85,6 +85,7 @@ class System:
                 raise ValueError(f"{name}: expected finite numbers, not negative, got {value!r}")
             for force in owners:
                 force.tune(name, value)
+        self.integrator.tuned()
         self.bound = self._largest_dt()
 
     @staticmethod
@@ -150,6 +151,11 @@ class System:
             for step in range(start, stop):
                 for s in range(self.integrator.stages):
                     self.integrator.stage(self, first, last, s, step * dt, dt)
+                    if ti.static(self.integrator.solves):
+                        while self.integrator.solver.mode[0] != 0:
+                            for kind in ti.static(self.integrator.solver.kinds):
+                                if self.integrator.solver.mode[0] == kind:
+                                    self.integrator.solver.turn(kind, self, first, last)
                 self.integrator.finish(self, first, last, step * dt, dt)
 
     @ti.kernel
@@ -161,21 +167,42 @@ class System:
         self.integrator.stage(self, 0, self.count, s, step * dt, dt)
 
     @ti.kernel
+    def _parallel_turn(self, kind: ti.template()):
+        self.integrator.solver.turn(kind, self, 0, self.count)
+
+    @ti.kernel
+    def _parallel_finish(self, t: float, dt: float):
+        self.integrator.finish(self, 0, self.count, t, dt)
+
+    @ti.kernel
     def _parallel_last_stage(self, s: int, step: int, dt: float):
         self.integrator.stage(self, 0, self.count, s, step * dt, dt)
         self.integrator.finish(self, 0, self.count, step * dt, dt)
 
     def steps(self, first: int, last: int, dt: float) -> None:
         """Substeps `first` to `last` of the current frame, dt [s] each."""
+        if self.integrator.solves:
+            self.integrator.prepare(self, dt)
         if self.team:
             self._team_steps(first, last, dt)
             return
         if self.integrator.has_begin:
             self._parallel_begin(first * dt)
         for step in range(first, last):
+            if self.integrator.solves:
+                self._parallel_solves(step, dt)
+                continue
             for s in range(self.integrator.stages - 1):
                 self._parallel_stage(s, step, dt)
             self._parallel_last_stage(self.integrator.stages - 1, step, dt)
+
+    def _parallel_solves(self, step: int, dt: float) -> None:
+        """One step of a scheme that solves: every turn of the solver is a kernel of its own."""
+        for s in range(self.integrator.stages):
+            self._parallel_stage(s, step, dt)
+            while mode := self.integrator.solver.mode[0]:
+                self._parallel_turn(mode)
+        self._parallel_finish(step * dt, dt)
 
     def begin_frame(self, start: float, end: float) -> None:
         self.changes.begin(start, self._good[:, :3])

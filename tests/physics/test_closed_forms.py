@@ -67,11 +67,12 @@ def test_symplectic_euler_swings_at_its_own_exact_frequency(epsilon):
 
 @pytest.mark.parametrize("method", SCHEMES)
 def test_free_fall(method, epsilon):
-    """Second order and above: exact. Symplectic Euler falls -g h² n(n+1)/2, Euler -g h² n(n-1)/2."""
+    """Second order and above: exact. Symplectic and backward Euler fall -g h² n(n+1)/2, Euler -g h² n(n-1)/2."""
     simulation = Simulation(Scene(jello=[Box(points=(1, 1, 1))]), method=method, substeps=4)
     n, h, g = 100, simulation.dt, 9.81
     simulation.step(n)
-    fallen = {"euler": g * h**2 * n * (n - 1) / 2, "symplectic-euler": g * h**2 * n * (n + 1) / 2}
+    late = g * h**2 * n * (n + 1) / 2
+    fallen = {"euler": g * h**2 * n * (n - 1) / 2, "symplectic-euler": late, "backward-euler": late}
     exact = fallen.get(method, g * (n * h) ** 2 / 2)
     assert simulation.x[0, 1] == pytest.approx(-exact, abs=rounding(epsilon, n) * exact)
     assert simulation.v[0, 1] == pytest.approx(-g * n * h, rel=rounding(epsilon, n))

@@ -31,6 +31,13 @@ class ParticleForce:
     With `prepares` it also defines `points`, a whole number, and `@ti.func prepare(self, first, last, x, v, t)`, one
     loop over its own points first … last - 1, each of which writes to its own place only. The members of a team
     share the points, and all of them are done before any force on a particle is asked for.
+
+    For implicit steps of length c [s] it also offers how it stiffens the step, -∂f/∂x - ∂f/∂v / c, made symmetric and
+    never negative: with `has_curvature`, `@ti.func curvature(self, i, x, v, t, c)`, the 3×3 block [N/m] of particle i,
+    which must bound what ties i to others as well; or, with `couples`, `@ti.func resist_on_pass(self, first, last, x,
+    p, c, q)`, which adds its product with the displacements p to q, and `pairs(c)`, the particles (i, j) that it ties
+    together and the most that it stiffens each pair by. A force with neither still acts at the end of the step, but
+    the solve does not see it coming.
     """
 
     title: ClassVar[str]
@@ -39,6 +46,8 @@ class ParticleForce:
     in_passes: bool = False
     prepares: bool = False
     points: int = 0
+    has_curvature: bool = False
+    couples: bool = False
     prepare: Any
 
     @classmethod

@@ -41,6 +41,7 @@ class PenaltyContact(ParticleForce):
     title = "contact"
     energy_kind = "contact"
     reads_velocity = True
+    has_curvature = True
 
     def __init__(self, scene, particles):
         self.particles, self.colliders, self.contact = particles, self._sorted(scene.collider), scene.contact
@@ -155,6 +156,37 @@ class PenaltyContact(ParticleForce):
             for i in range(first, last):
                 if nearest[i - first] < 0.0:
                     f[i] = f[i] + self.on(i, x, v, t)
+
+    @ti.func
+    def stiffening(self, p, u, t, c, share):
+        """How such a point stiffens a step of length c [s]: (k + damping/c) nnᵀ while pressed, and across n the slope
+        of friction with the speed, at the pressure now."""
+        total, law = ti.Matrix.zero(float, 3, 3), self.law[0]
+        for group in ti.static(self.groups):
+            for r in range(group.start, group.stop):
+                touch = self.touch(group.signed_distance, r, p, t)
+                if touch[3] < 0.0:
+                    n = ti.Vector([touch[0], touch[1], touch[2]])
+                    relative = u - ti.Vector([self.rows[r][3], self.rows[r][4], self.rows[r][5]])
+                    speed = relative.dot(n)
+                    pressed = pressure(-touch[3], speed, share * law[0], share * law[1])
+                    if pressed > 0.0:
+                        total += share * (law[0] + law[1] / c) * n.outer_product(n)
+                        if ti.static(self.rubs):
+                            slide, limit, grip = relative - speed * n, law[2] * pressed, share * law[3]
+                            slope = limit * grip / ti.sqrt(grip * grip * slide.dot(slide) + limit * limit + 1e-30)
+                            total += slope / c * (ti.Matrix.identity(float, 3) - n.outer_product(n))
+        return total
+
+    @ti.func
+    def curvature(self, i, x, v, t, c):
+        total = ti.Matrix.zero(float, 3, 3)
+        if ti.static(self.masked):
+            if self.bare[i]:
+                total = self.stiffening(x[i], v[i], t, c, 1.0)
+        else:
+            total = self.stiffening(x[i], v[i], t, c, 1.0)
+        return total
 
     @ti.func
     def pressed_energy(self, p, t):

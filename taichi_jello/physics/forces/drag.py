@@ -9,6 +9,7 @@ from taichi_jello.physics.forces._base import ParticleForce, Rates
 class Drag(ParticleForce):
     title = "drag"
     reads_velocity = True
+    has_curvature = True
 
     def __init__(self, particles, rate):
         self.particles, self.rate = particles, rate
@@ -20,6 +21,10 @@ class Drag(ParticleForce):
     @ti.func
     def on(self, i, x, v, t):
         return -self.rate * self.particles.mass(i) * v[i]
+
+    @ti.func
+    def curvature(self, i, x, v, t, c):
+        return self.rate * self.particles.mass(i) / c * ti.Matrix.identity(float, 3)
 
     def rates(self):
         return Rates(damping=self.rate)

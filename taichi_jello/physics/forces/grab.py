@@ -53,6 +53,7 @@ class Hand(ParticleForce):
 
     title = "grab"
     reads_velocity = True
+    has_curvature = True
 
     def __init__(self, grab, particles, gravity):
         body = particles.body
@@ -115,11 +116,22 @@ class Hand(ParticleForce):
         return force * ti.min(1.0, self.limit / (force.norm() + 1e-20))
 
     @ti.func
-    def on(self, i, x, v, t):
+    def share(self, i):
+        """The weight of particle i in the held point."""
         share = ti.cast(0.0, float)
         for k in range(self.held[0]):
             if i == self.held[1 + k]:
                 share += self.weights_held[k]
+        return share
+
+    @ti.func
+    def curvature(self, i, x, v, t, c):
+        """The weights sum to one, so the matrix k w wᵀ is at most the diagonal one with k w."""
+        return self.share(i) * (self.stiffness + self.damping / c) * ti.Matrix.identity(float, 3)
+
+    @ti.func
+    def on(self, i, x, v, t):
+        share = self.share(i)
         force = ti.Vector([0.0, 0.0, 0.0])
         if share > 0.0:
             force = share * self.pull(x, v, t)

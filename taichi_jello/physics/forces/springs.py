@@ -32,6 +32,7 @@ class Springs(ParticleForce):
     title = "springs"
     energy_kind = "elastic"
     in_passes = True
+    couples = True
 
     def __init__(self, scene, particles):
         self.scene, self.body, memory = scene, particles.body, particles.memory
@@ -87,6 +88,42 @@ class Springs(ParticleForce):
                     fz[lane] += ti.select(has, force[2], 0.0)
         for i in range(first, last):
             f[i] = ti.Vector([fx[i - first], fy[i - first], fz[i - first]])
+
+    @ti.func
+    def resistance(self, material, i, j, x, p, c):
+        """-H p of one spring on particle i: H = k[nnᵀ + (1 - R/L)(I - nnᵀ)] + damping/c nnᵀ, the second term only
+        where the spring is stretched: across a compressed one it would be negative."""
+        m = self.materials[material]
+        d = x[j] - x[i] + ti.Vector([m[3], m[4], m[5]])
+        u = p[j] - p[i]
+        inverse_length = 1.0 / ti.sqrt(d.dot(d))
+        across = ti.max(0.0, hooke(inverse_length, m[0], m[1]))
+        along = m[0] - across
+        if ti.static(self.damped):
+            along += m[2] / c
+        return across * u + along * u.dot(d) * inverse_length * inverse_length * d
+
+    @ti.func
+    def resist_on_pass(self, first, last, x, p, c, q):
+        """q += H p for the particles first … last - 1, vectorised as `on_pass` is."""
+        fx, fy, fz = self.Lanes(0.0), self.Lanes(0.0), self.Lanes(0.0)
+        for e in range(self.start[first // LANES], self.start[first // LANES + 1]):
+            shift, mask, material = self.entries[e][0], self.entries[e][1], self.entries[e][2]
+            for start in ti.static(range(0, self.lanes, VECTORS)):
+                for lane in range(start, ti.static(min(start + VECTORS, self.lanes))):
+                    i = first + lane
+                    pull = self.resistance(material, i, i + shift, x, p, c)
+                    has = (mask >> ((first & (LANES - 1)) + lane)) & 1
+                    fx[lane] += ti.select(has, pull[0], 0.0)
+                    fy[lane] += ti.select(has, pull[1], 0.0)
+                    fz[lane] += ti.select(has, pull[2], 0.0)
+        for i in range(first, last):
+            q[i] = q[i] - ti.Vector([fx[i - first], fy[i - first], fz[i - first]])
+
+    def pairs(self, c):
+        """The ends (2, S) of the springs and k + damping/c [N/m] of each: in every configuration its H is no more."""
+        stiffness, damping = self.scales["stiffness"], self.scales["damping"]
+        return self.body.springs.T, stiffness * self.body.stiffness + damping / c * self.body.damping
 
     @ti.func
     def energy(self, i, x, t):

@@ -17,7 +17,9 @@ class Integrator:
       frame for each thread of a team or as parallel tasks (stages unrolled took 7 s to compile for RK4, this 0.5 s);
     - `amplification(a, zeta)`: the (…, 2, 2) matrices of one step of length a for x'' = -x - 2ζx', from which
       `dt = "auto"` is found;
-    - with `has_begin`, `@ti.func begin(self, system, first, last, t)`, run before the first step of a frame.
+    - with `has_begin`, `@ti.func begin(self, system, first, last, t)`, run before the first step of a frame;
+    - with `solves`, a `solver` (see physics/solve) whose turns follow each stage until its mode is 0, and
+      `prepare(system, dt)`, called before steps of that length.
     """
 
     name: ClassVar[str]
@@ -25,6 +27,9 @@ class Integrator:
     safety: ClassVar[float]
     stages: int = 1
     has_begin: bool = False
+    solves: bool = False
+    solver: Any
+    prepare: Any
     stage: Any
     finish: Any
     begin: Any
@@ -32,6 +37,9 @@ class Integrator:
     def __init__(self, memory: Memory, state: State, damped: bool):
         """Allocate what the scheme keeps between stages of stepping `state`; `damped`: forces read velocities."""
         raise TypeError(f"{type(self).__name__} must define __init__()")
+
+    def tuned(self) -> None:
+        """Numbers of a force have changed."""
 
     @classmethod
     def amplification(cls, a: np.ndarray, zeta: np.ndarray) -> np.ndarray:

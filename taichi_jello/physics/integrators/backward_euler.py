@@ -1,0 +1,23 @@
+"""Backward Euler: v' = v + dt a(x', v'), x' = x + dt v'. Stable at any step; swings with ω dt > 1 die out in a few."""
+
+import taichi as ti
+
+from taichi_jello.physics.integrators._base import oscillator_matrix
+from taichi_jello.physics.integrators._implicit import Implicit, solved
+
+
+@ti.data_oriented
+class BackwardEuler(Implicit):
+    name, order = "backward-euler", 1
+    share = 1.0
+
+    @ti.func
+    def stage(self, system, first, last, s, t, dt):
+        for i in range(first, last):
+            self.solver.z[i] = self.state.x[i]
+            self.solver.w[i] = self.solver.at.v[i] = self.state.v[i]
+        self.solver.start(system, first, last, dt, t + dt)
+
+    @classmethod
+    def amplification(cls, a, zeta):
+        return oscillator_matrix(solved, a, zeta)

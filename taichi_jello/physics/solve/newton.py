@@ -1,0 +1,236 @@
+"""Newton's method for an implicit step, each linear system by preconditioned conjugate gradients without a matrix.
+
+The unknown is the velocity v at the end of the step: x = z + c v, and the residual force of every particle is
+r = m (w - v)/c + f(x, v). A displacement d = c Δv changes r by -H d with H = M/c² + K + C/c, where K = -∂f/∂x and
+C = -∂f/∂v. Every force offers a symmetric, never negative bound of its share of H (Springs.resist_on_pass, and
+ParticleForce.curvature for the rest), so that conjugate gradients apply and d always leads downhill.
+"""
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.physics.solve.inner import inner_solver
+from taichi_jello.physics.state import State
+
+DONE, EVALUATE, CONJUGATE = 0, 1, 2
+# What the registers hold; every member of a team reads them, the first one writes.
+C, TIME, RHO, SLOPE, ALPHA, BETA, TOLERANCE, STOP_AT, NOISE = range(9)
+ROUNDS, INNER, TRIES, PHASE, EVALUATIONS, PRODUCTS = range(6)
+
+OVERSHOOT = 0.5  # of the slope at the start, by which it may have turned around where a step ends
+
+
+@ti.data_oriented
+class Newton:
+    """Fields and turns of one solve. `start` is given z, w and c; then `turn` is repeated until `mode` is DONE.
+
+    accuracy: it ends when a step moves no particle farther than this part of the first step, or than positions are
+    rounded. forcing: by how much conjugate gradients reduce the residual before Newton goes on. rounds and inner: the
+    most Newton steps, and products with H for each.
+    """
+
+    kinds = (EVALUATE, CONJUGATE)
+
+    def __init__(self, memory, accuracy, forcing=0.1, rounds=30, inner=200):
+        self.memory, self.accuracy, self.forcing = memory, accuracy, forcing
+        self.rounds, self.inner = rounds, inner
+        self.at = State.made_in(memory, "solve")
+        self.z, self.w, self.a = (memory.vectors("solve", name) for name in "zwa")
+        self.r, self.d, self.p, self.q, self.s = (memory.vectors("solve", name) for name in "rdpqs")
+        self.block = memory.vectors("solve", "block", 2)
+        self.sums = memory.table("solve", "sums", np.zeros((memory.passes, 3)))
+        self.mode = memory.table("solve", "mode", np.zeros(1, np.int32))
+        self.counts = memory.table("solve", "counts", np.zeros(6, np.int32))
+        self.registers = memory.table("solve", "registers", np.zeros(9))
+        self.inner_solver = inner_solver(memory)
+
+    def prepare(self, system, c):
+        """Before the first step with this c [s], and again when a force has been tuned."""
+        self.inner_solver.prepare(system, c)
+        # A rounding of x changes forces by Λ of it at most, and these move the particle by c² of that, or back.
+        stiffness = sum(rate.squared_frequency for rate in system.rates)
+        self.registers[NOISE] = 16.0 * system.owner.epsilon * min(1.0, c * c * stiffness)
+
+    # Every function below is called by all members of a team, each for its particles first … last - 1.
+
+    @ti.func
+    def start(self, system, first, last, c, t):
+        """Begin at v = at.v; z and w are set."""
+        for i in range(first, last):
+            self.at.x[i] = self.z[i] + c * self.at.v[i]
+            self.d[i] = ti.Vector([0.0, 0.0, 0.0])
+        system.wait_for_team()  # until everybody has seen that the solve before is done
+        for one in range(1):
+            if first == 0:
+                self.registers[C], self.registers[TIME], self.registers[SLOPE] = c, t, 0.0
+                self.counts[ROUNDS] = self.counts[TRIES] = 0
+                self.mode[one] = EVALUATE
+        system.wait_for_team()
+
+    @ti.func
+    def turn(self, kind: ti.template(), system, first, last):
+        if ti.static(kind == EVALUATE):
+            self.evaluate(system, first, last)
+        else:
+            self.conjugate(system, first, last)
+
+    @ti.func
+    def evaluate(self, system, first, last):
+        """The residual where the last step led. Went it too far, half-way back; else on with conjugate gradients."""
+        c = self.registers[C]
+        system.accelerations(first, last, self.at.x, self.at.v, self.registers[TIME], self.a)
+        for i in range(first, last):
+            m = system.particles.mass(i)
+            r = m * ((self.w[i] - self.at.v[i]) / c + self.a[i])
+            self.r[i] = r * (system.particles.inverse_mass(i) * m)  # none on a pinned particle
+        self.add_up(system, first, last, self.d, self.r, True)
+        for one in range(1):
+            if first == 0:
+                self.judge(system, one)
+        system.wait_for_team()
+        for i in range(first, last):
+            if self.counts[PHASE] == 1:  # back along the step
+                back = self.registers[ALPHA] * self.d[i]
+                self.at.v[i] = self.at.v[i] - back / c
+                self.at.x[i] = self.z[i] + c * self.at.v[i]
+                self.d[i] = self.d[i] - back
+            elif self.counts[PHASE] == 0:
+                self.d[i] = ti.Vector([0.0, 0.0, 0.0])
+                self.own_curvature(system, i)
+        self.inner_solver.apply(system, first, last, self.r, self.s)
+        self.add_up(system, first, last, self.r, self.s, False)
+        for one in range(1):
+            if first == 0 and self.counts[PHASE] == 0:
+                rho = self.total(one, 0)
+                self.registers[RHO], self.registers[SLOPE] = rho, 0.0
+                self.registers[STOP_AT] = self.forcing * self.forcing * rho
+                self.counts[INNER] = 0
+                self.mode[one] = CONJUGATE if rho > 0.0 else DONE
+        system.wait_for_team()
+        for i in range(first, last):
+            if self.counts[PHASE] == 0:
+                self.p[i] = self.s[i]
+
+    @ti.func
+    def judge(self, system, one):
+        """PHASE 0: a new Newton step; 1: back by ALPHA of the last; 2: this is the answer."""
+        here, before = self.total(one, 0), self.registers[SLOPE]
+        farthest = self.largest(one, 1)
+        self.counts[EVALUATIONS] += 1
+        self.counts[PHASE] = 0
+        if here < -OVERSHOOT * before and self.counts[TRIES] < 6:
+            self.counts[PHASE] = 1
+            self.counts[TRIES] += 1
+            kept = ti.min(0.6, ti.max(0.1, before / (before - here)))  # where the slope would be zero, were it linear
+            self.registers[ALPHA] = 1.0 - kept
+            self.registers[SLOPE] = kept * before
+        elif (
+            farthest == 0.0
+            or not farthest < 1e30
+            or self.counts[ROUNDS] == self.rounds
+            or (self.counts[ROUNDS] > 0 and farthest <= self.registers[TOLERANCE])
+        ):
+            self.counts[PHASE] = 2
+            self.mode[one] = DONE
+        else:
+            self.counts[ROUNDS] += 1
+            self.counts[TRIES] = 0
+
+    @ti.func
+    def own_curvature(self, system, i):
+        """The 3×3 block of H that ties particle i to nothing else: its mass, contact, drag, the hand."""
+        c = self.registers[C]
+        B = system.particles.mass(i) / (c * c) * ti.Matrix.identity(float, 3)
+        for force in ti.static(system.all_forces):
+            if ti.static(force.has_curvature):
+                B += force.curvature(i, self.at.x, self.at.v, self.registers[TIME], c)
+        self.block[0, i] = ti.Vector([B[0, 0], B[1, 1], B[2, 2]])
+        self.block[1, i] = ti.Vector([B[1, 2], B[0, 2], B[0, 1]])
+
+    @ti.func
+    def conjugate(self, system, first, last):
+        """One step of conjugate gradients for H d = r."""
+        self.product(system, first, last, self.p, self.q)
+        self.add_up(system, first, last, self.p, self.q, False)
+        for one in range(1):
+            if first == 0:
+                alpha = self.registers[RHO] / self.total(one, 0)
+                self.registers[ALPHA] = alpha
+                self.registers[SLOPE] += alpha * self.registers[RHO]  # d · r at the start of the step
+                self.counts[PRODUCTS] += 1
+        system.wait_for_team()
+        alpha = self.registers[ALPHA]
+        for i in range(first, last):
+            self.d[i] = self.d[i] + alpha * self.p[i]
+            self.r[i] = self.r[i] - alpha * self.q[i]
+        self.inner_solver.apply(system, first, last, self.r, self.s)
+        self.add_up(system, first, last, self.r, self.s, False)
+        for one in range(1):
+            if first == 0:
+                rho = self.total(one, 0)
+                self.registers[BETA] = rho / self.registers[RHO]
+                self.registers[RHO] = rho
+                self.counts[INNER] += 1
+                if not (rho > self.registers[STOP_AT]) or self.counts[INNER] == self.inner:
+                    moved = self.largest(one, 1)
+                    if self.counts[ROUNDS] == 1:
+                        noise = self.registers[NOISE] * self.largest(one, 2)
+                        self.registers[TOLERANCE] = ti.max(noise, self.accuracy * moved)
+                    self.mode[one] = DONE if moved <= self.registers[TOLERANCE] else EVALUATE
+        system.wait_for_team()
+        beta, c = self.registers[BETA], self.registers[C]
+        for i in range(first, last):
+            self.p[i] = self.s[i] + beta * self.p[i]
+            if self.mode[0] != CONJUGATE:
+                self.at.v[i] = self.at.v[i] + self.d[i] / c
+                self.at.x[i] = self.z[i] + c * self.at.v[i]
+
+    @ti.func
+    def product(self, system, first, last, p, q):
+        """q = H p."""
+        system.wait_for_team()  # until p is there
+        c = self.registers[C]
+        for pass_ in range(first // system.lanes, (last + system.lanes - 1) // system.lanes):
+            start = pass_ * system.lanes
+            end = ti.min(start + system.lanes, last)
+            for i in range(start, end):
+                D, E, u = self.block[0, i], self.block[1, i], p[i]
+                q[i] = D * u + ti.Vector(
+                    [E[2] * u[1] + E[1] * u[2], E[2] * u[0] + E[0] * u[2], E[1] * u[0] + E[0] * u[1]]
+                )
+            for force in ti.static(system.in_passes):
+                if ti.static(force.couples):
+                    force.resist_on_pass(start, end, self.at.x, p, c, q)
+            if ti.static(system.particles.pinned):
+                for i in range(start, end):
+                    q[i] = q[i] * system.particles.free[i]
+
+    @ti.func
+    def add_up(self, system, first, last, a, b, of_residual: ti.template()):
+        """For every pass of particles Σ a · b; how far d moves one at most, or the residual would alone; and how far
+        from the origin one is at most."""
+        for pass_ in range(first // system.lanes, (last + system.lanes - 1) // system.lanes):
+            dot, most, away = ti.cast(0.0, float), ti.cast(0.0, float), ti.cast(0.0, float)
+            for i in range(pass_ * system.lanes, ti.min((pass_ + 1) * system.lanes, last)):
+                dot += a[i].dot(b[i])
+                if ti.static(of_residual):
+                    most = ti.max(most, self.r[i].norm() * self.registers[C] ** 2 / system.particles.mass(i))
+                else:
+                    most = ti.max(most, self.d[i].norm())
+                    away = ti.max(away, self.at.x[i].norm())
+            self.sums[pass_] = ti.Vector([dot, most, away])
+        system.wait_for_team()
+
+    @ti.func
+    def total(self, one, column):
+        total = ti.cast(0.0, float)
+        for pass_ in range(self.memory.passes):
+            total += self.sums[pass_][column]
+        return total
+
+    @ti.func
+    def largest(self, one, column):
+        most = ti.cast(0.0, float)
+        for pass_ in range(self.memory.passes):
+            most = ti.max(most, self.sums[pass_][column])
+        return most
