@@ -117,6 +117,25 @@ class SkinContact(PenaltyContact):
         return force
 
     @ti.func
+    def curvature(self, i, x, v, t, c):
+        """The eight weights of a point sum to one, so w times its block bounds what ties this corner to the others."""
+        total = ti.Matrix.zero(float, 3, 3)
+        for e in range(self.first[i], self.first[i + 1]):
+            cell, own = self.around[e] // 8, self.around[e] % 8
+            if self.near[cell]:
+                corners = self.corners[cell]
+                for q in range(self.start[cell], self.start[cell + 1]):
+                    at, p, u = self.skin[q], ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+                    share = ti.cast(0.0, float)
+                    for k in ti.static(range(8)):
+                        w = self.weight(k, at)
+                        p += w * x[corners[k]]
+                        u += w * v[corners[k]]
+                        share += w * (own == k)
+                    total += share * self.stiffening(p, u, t, c, at[3])
+        return total
+
+    @ti.func
     def energy(self, i, x, t):
         """A cell's energy is booked by its first corner."""
         total = ti.cast(0.0, float)
