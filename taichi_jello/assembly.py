@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from taichi_jello.body import Body, join
 from taichi_jello.checked import SceneError
 from taichi_jello.region import divided
@@ -9,8 +11,13 @@ from taichi_jello.scene import Jello, Scene
 
 
 def built(jello: Jello) -> Body:
-    """The points and springs of one jello, with the material of its regions."""
+    """The points and springs of one jello, with what its regions make of them."""
     body = jello.body()
+    for name in ("x", "v"):
+        if (given := getattr(jello, name)) is not None:
+            if len(given) != len(body):
+                raise SceneError(name, f"expected {len(body)} points, got {len(given)}")
+            body = replace(body, **{name: np.array(given)})
     return replace(body, **divided(body, tuple(jello.region))) if jello.region else body
 
 

@@ -49,6 +49,19 @@ def vector(key: str, value: Any, **limits: float) -> Vector:
     return (x, y, z)
 
 
+def vectors(key: str, value: Any) -> tuple[Vector, ...]:
+    """(N, 3) finite numbers, as tuples."""
+    try:
+        array = np.array(value, float)
+    except (ValueError, TypeError):
+        raise SceneError(key, "expected a list of [x, y, z]") from None
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise SceneError(key, f"expected a list of [x, y, z], got an array of shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise SceneError(key, "expected finite numbers")
+    return tuple((x, y, z) for x, y, z in array.tolist())
+
+
 def word(key: str, value: Any, allowed: Sequence[str] | None = None) -> str:
     if not isinstance(value, str):
         raise SceneError(key, f"expected text, got {value!r}")

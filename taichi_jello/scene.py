@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from taichi_jello.body import Body
-from taichi_jello.checked import FAMILIES, Checked, SceneError, Vector, by_family, number, vector, word
+from taichi_jello.checked import FAMILIES, Checked, SceneError, Vector, by_family, number, vector, vectors, word
 from taichi_jello.checked import whole as whole
 from taichi_jello.keyframes import GravityKeyframe, Keyframe, Move, offset
 from taichi_jello.region import Region
@@ -139,6 +139,7 @@ class Jello(Checked):
 
     position [m] of its centre, rotation [degrees about x, then y, then z], velocity [m/s], spin [rad/s],
     mass [kg] of the whole, stiffness [N/m] and damping [N·s/m] of each spring or a table by family.
+    x [m], v [m/s]: (N, 3) where each point starts and how fast, instead of all that.
     """
 
     shape: ClassVar[str]
@@ -151,6 +152,8 @@ class Jello(Checked):
     stiffness: Any = 200.0
     damping: Any = 0.25
     pin: Sequence[Pin] = ()
+    x: Any = None
+    v: Any = None
     region: Sequence[Region] = ()
     keyframe: Sequence[Keyframe] = ()
     parts: ClassVar[dict[str, type[Checked]]] = {"pin": Pin, "region": Region, "keyframe": Keyframe}
@@ -163,6 +166,8 @@ class Jello(Checked):
             "springs": tuple(word("springs", family, FAMILIES) for family in self.springs),
             "stiffness": by_family("stiffness", self.stiffness),
             "damping": by_family("damping", self.damping),
+            "x": None if self.x is None else vectors("x", self.x),
+            "v": None if self.v is None else vectors("v", self.v),
         }
 
     def body(self) -> Body:
