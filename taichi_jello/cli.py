@@ -44,7 +44,7 @@ def make_simulation(chosen: argparse.Namespace, scene: Scene) -> Simulation:
     try:
         simulation = Simulation(scene, method=chosen.method, dt=chosen.dt, substeps=chosen.substeps)
     except SceneError as error:
-        raise Mistake(f"{chosen.scene}: {error}") from None
+        raise Mistake(str(sceneio.located(chosen.scene, error))) from None
     if chosen.from_state:
         try:
             simulation.restore(last_moment(Path(chosen.from_state)))
