@@ -192,7 +192,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing_behind(jello, small, tmp_path,
 def test_a_room_smaller_than_the_jello_is_refused(jello, small, tmp_path):
     (tmp_path / "small.toml").write_text(SMALL.replace('"plane"', '"box"\nmax = [0.3, 0.9, 2.0]'))
     done = jello("explain", "small.toml")
-    assert done.returncode == 2 and "small.toml: collider.0: expected a box around jello.0" in done.stderr
+    assert done.returncode == 2 and "small.toml: line 4: collider.0: expected a box around jello.0" in done.stderr
 
 
 def test_study_speed_measures_and_writes_json(jello, tmp_path):
