@@ -24,7 +24,7 @@ class Body:
     that each lies in, in the order of cells; skin_weights (V, 8): trilinear weights, none negative, which sum to 1, so
     that a point is Σ weight · x[corner] wherever the corners are; skin (T', 3): outward, counter-clockwise triangles
     over these points. It is what is seen, grabbed and touched of such a jello, in place of its `surface`.
-    skin_distance (N,): of the particle's rest position from it [m], negative inside; zero where there is none.
+    inside (N,) bool: whether the particle's rest position is inside that skin; true where there is none.
     """
 
     rest: np.ndarray
@@ -44,11 +44,11 @@ class Body:
     skin_corners: np.ndarray = field(default_factory=lambda: np.zeros((0, 8), np.int32))
     skin_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 8)))
     skin: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.int32))
-    skin_distance: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    inside: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
     def __post_init__(self) -> None:
-        if len(self.skin_distance) != len(self.rest):
-            object.__setattr__(self, "skin_distance", np.zeros(len(self.rest)))
+        if len(self.inside) != len(self.rest):
+            object.__setattr__(self, "inside", np.ones(len(self.rest), bool))
         for each in fields(self):
             getattr(self, each.name).setflags(write=False)
 

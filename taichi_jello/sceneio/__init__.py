@@ -2,6 +2,7 @@
 
 import ast
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -26,7 +27,7 @@ def describe(path: Path) -> str:
 
 
 def load(name: str) -> Scene:
-    """The scene called `name`: a demo, or a file of a known format.
+    """The scene called `name`: a demo, or a file of a known format. Files that it names are looked for beside it.
 
     Raises SceneError naming the file, the key and what was expected.
     """
@@ -36,11 +37,12 @@ def load(name: str) -> Scene:
     if not path.is_file():
         raise SceneError(name, "there is no such file")
     try:
-        return known[path.suffix].load(path)
+        scene = known[path.suffix].load(path)
     except SceneError as error:
         raise located(str(path), error) from error
     except OSError as error:
         raise SceneError(str(path), f"cannot be read: {error.strerror}") from None
+    return replace(scene, jello=[jello.beside(path.parent.resolve()) for jello in scene.jello])
 
 
 def save(scene: Scene, name: str) -> None:

@@ -6,11 +6,12 @@ import numpy as np
 
 from taichi_jello.body import Body
 from taichi_jello.scene import Jello
-from taichi_jello.shapes.lattice import body_of, corners
+from taichi_jello.shapes.lattice import body_of, corners, hexahedra
 
 # A particle has at least this share of a whole cell's mass: a corner of a cell that is hardly filled would swing so
 # fast that it alone decided the step.
 LEAST = 0.5
+FINE = 0.6  # of a cell: edges of a skin are at most about so long, so that it bends with its cells
 CORNERS = np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)])
 
 
@@ -21,13 +22,13 @@ def skinned_body(
     filled: np.ndarray,
     fraction: np.ndarray,
     spacing: float,
-    distance: np.ndarray,
+    inside: np.ndarray,
 ) -> Body:
     """The Body of a jello whose filled cells, `spacing` [m] wide, hold the skin: `triangles` (T, 3) over `points`
     (V, 3).
 
     The points [m] are relative to the middle of the grid filled (n, m, l); fraction (n, m, l) of each cell is inside
-    the skin; distance (n+1, m+1, l+1) [m] of the grid's points from it, negative inside.
+    the skin; inside (n+1, m+1, l+1) bool: whether the grid's points are.
     """
     index = corners(filled)
     body = body_of(jello, index, np.full(3, spacing), filled, mass_shares(index, filled * fraction))
@@ -38,7 +39,7 @@ def skinned_body(
         skin_corners=held.astype(np.int32),
         skin_weights=weights,
         skin=triangles.astype(np.int32),
-        skin_distance=distance[index >= 0],
+        inside=inside[index >= 0],
     )
 
 
@@ -66,6 +67,19 @@ def embed(places: np.ndarray, filled: np.ndarray) -> tuple[np.ndarray, np.ndarra
     sides = np.stack([1.0 - at, at])  # (2, V, 3)
     weights = np.stack([sides[a, :, 0] * sides[b, :, 1] * sides[c, :, 2] for a, b, c in CORNERS], 1)
     return cell, weights
+
+
+def parts(filled: np.ndarray) -> list[int]:
+    """How many cells each part has that hangs together by the corners of its cells, the largest first."""
+    cells = hexahedra(corners(filled), filled)
+    label = np.arange(cells.max() + 1)
+    while True:
+        least = label[cells].min(1)
+        before = label.copy()
+        np.minimum.at(label, cells, least[:, None])
+        label = label[label]  # a label is a particle of the same part, whose own label may be lower by now
+        if np.array_equal(before, label):
+            return sorted(np.unique(label[cells[:, 0]], return_counts=True)[1].tolist(), reverse=True)
 
 
 def split_edges(points: np.ndarray, triangles: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:

@@ -7,11 +7,10 @@ import numpy as np
 
 from taichi_jello.body import Body
 from taichi_jello.scene import Jello, SceneError, number, whole
-from taichi_jello.shapes._skin import skinned_body, split_edges
+from taichi_jello.shapes._skin import FINE, skinned_body, split_edges
 from taichi_jello.shapes.lattice import LARGEST
 
 SAMPLES = 4  # of a cell along each axis, to see how much of it is filled
-FINE = 0.6  # of a cell: edges of the skin are shorter
 
 
 def icosahedron() -> tuple[np.ndarray, np.ndarray]:
@@ -57,6 +56,6 @@ class Ball(Jello):
         line = np.linspace(-1.0, 1.0, n + 1)
         nearest = np.maximum(np.maximum(line[:-1], -line[1:]), 0.0) ** 2  # of each cell to the middle
         filled = nearest[:, None, None] + nearest[:, None] + nearest < 1.0 - 1e-9
-        away = np.sqrt(line[:, None, None] ** 2 + line[:, None] ** 2 + line**2) - 1.0
+        within = line[:, None, None] ** 2 + line[:, None] ** 2 + line**2 <= 1.0
         points, triangles = sphere(FINE * 2.0 / n)
-        return skinned_body(self, r * points, triangles, filled, fraction, 2.0 * r / n, r * away)
+        return skinned_body(self, r * points, triangles, filled, fraction, 2.0 * r / n, within)

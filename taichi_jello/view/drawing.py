@@ -44,7 +44,7 @@ class Drawing:
         self.springs = Springs(body) if len(body.springs) else None
         self.shadows = self._make_shadows(body)
         # Particles outside an embedded skin are only its scaffold.
-        self._inside = np.flatnonzero(body.skin_distance <= 0.0) if self.embedded is not None else None
+        self._inside = np.flatnonzero(body.inside) if self.embedded is not None else None
         shown = self.points if self._inside is None else self.points[self._inside]
         self._dots = Dots(shown, np.tile(palette.PARTICLE, (len(shown), 1)).astype(np.float32), _radius(body))
 

@@ -61,7 +61,7 @@ def layers(body: Body) -> np.ndarray:
     that reach out of an embedded skin.
 
     In a dense body the diagonals inside would hide all else, and bend springs lie on structural ones."""
-    outside = (body.skin_distance[body.springs] > 0.0).any(1)
+    outside = ~body.inside[body.springs].all(1)
     if len(body.springs) <= FEW or not np.any(body.family == 0):
         return np.where(outside, 2, 0)
     outer = np.zeros(len(body), bool)

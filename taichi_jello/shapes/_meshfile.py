@@ -1,0 +1,80 @@
+"""Surface meshes from files, by trimesh: read, looked at for what cannot be, welded."""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_jello.checked import SceneError
+
+SUFFIXES = (".obj", ".stl", ".ply", ".glb")
+MOST = 2_000_000  # triangles: beyond it a mesh takes longer to read than it could show
+WELD = 1e-6  # of the mesh's size: points nearer than this are one
+INSTALL = "pip install 'taichi_jello[mesh]'"
+
+
+class MeshWarning(UserWarning):
+    """A mesh that is not what it should be, but can be used."""
+
+
+def read(file: str) -> tuple[np.ndarray, np.ndarray]:
+    """Points (V, 3) and triangles (T, 3) of a mesh file; points at the same place are one.
+
+    Raises SceneError naming the file and what was expected.
+    """
+    path = Path(file)
+    if path.suffix.lower() not in SUFFIXES:
+        raise SceneError("file", f"{file}: expected a name ending in {', '.join(SUFFIXES)}")
+    if not path.is_file():
+        raise SceneError("file", f"{file}: there is no such file")
+    try:
+        import trimesh
+    except ModuleNotFoundError:
+        raise SceneError("file", f"meshes need trimesh: {INSTALL}") from None
+    kind = path.suffix.lower()[1:]
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            loaded: Any = trimesh.load(str(path), file_type=kind, force="mesh", process=False)
+        points, triangles = np.array(loaded.vertices, float), np.array(loaded.faces, np.int64)
+    except OSError as error:
+        raise SceneError("file", f"{file}: cannot be read: {error.strerror}") from None
+    except Exception as error:  # whatever a parser stumbles over
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise SceneError("file", f"{file}: expected a mesh in {kind.upper()} format: {reason}") from None
+    return checked(file, points, triangles)
+
+
+def checked(file: str, points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The mesh welded, without triangles of no area. Raises SceneError for one that is nothing, not finite or too
+    large."""
+    if not len(triangles) or not len(points):
+        raise SceneError("file", f"{file}: expected a mesh of triangles, it has none")
+    if len(triangles) > MOST:
+        raise SceneError("file", f"{file}: expected at most {MOST:,} triangles, got {len(triangles):,}; simplify it")
+    if triangles.min() < 0 or triangles.max() >= len(points):
+        raise SceneError("file", f"{file}: expected triangles over its {len(points)} points, got {triangles.max()}")
+    used = np.unique(triangles)
+    bad = used[~np.isfinite(points[used]).all(1)]
+    if len(bad):
+        raise SceneError("file", f"{file}: expected finite numbers, point {bad[0]} is {points[bad[0]].tolist()}")
+    extent = float(np.ptp(points[used], axis=0).max())
+    if extent == 0.0:
+        raise SceneError("file", f"{file}: expected a mesh with a size, all its points are in one place")
+    places = np.round((points[used] - points[used].min(0)) / (WELD * extent)).astype(np.int64)
+    _, first, which = np.unique(places, axis=0, return_index=True, return_inverse=True)
+    renamed = np.zeros(len(points), np.int64)
+    renamed[used] = which.ravel()
+    triangles = renamed[triangles]
+    a, b, c = triangles.T
+    return points[used][first], triangles[(a != b) & (b != c) & (c != a)]
+
+
+def flaws(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int]:
+    """How many edges have one triangle only, and how many are passed twice the same way by triangles that do not all
+    face one side."""
+    ways = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    forth, back = ways[:, 0] * len(points) + ways[:, 1], ways[:, 1] * len(points) + ways[:, 0]
+    key, count = np.unique(forth, return_counts=True)
+    return int(np.count_nonzero(~np.isin(key, back))), int(np.count_nonzero(count > 1))
