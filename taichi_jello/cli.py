@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import functools
 import json
 import os
 import sys
@@ -243,6 +244,7 @@ def do_study(chosen: argparse.Namespace) -> None:
     json_path = output(chosen.json, option="--json") if chosen.json else None
     csv_path = output(chosen.csv, option="--csv") if chosen.csv else None
     plot_path = output(chosen.plot, *getattr(study, "PLOTS", _report.FIGURES), option="--plot") if chosen.plot else None
+    chosen.load = functools.partial(make_scene, chosen)
     told = study.measure(chosen)
     say(chosen, study.text(told))
     if json_path:

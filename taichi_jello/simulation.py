@@ -246,6 +246,12 @@ class Simulation:
         if hand is not None and hand.holds and self._hand is not None:
             self._hand.take(hand.particles, hand.weights, hand.target)
 
+    def change_step(self, *, dt: float | str | None = None, substeps: int | None = None) -> None:
+        """Cut the frames that follow otherwise: by dt [s], "auto" or a number of substeps, as at the beginning."""
+        runtime.check(self.system.owner)
+        self._asked = self.scene.solver.dt if dt is None else dt, substeps
+        self._choose_step()
+
     def _choose_step(self) -> None:
         """Begin a frame here with the number of substeps that is safe now."""
         time, substeps = self.time, self._choose_substeps(*self._asked)

@@ -1,0 +1,134 @@
+"""The same physics once more in NumPy float64, sharing no code with the kernels, solved by SciPy to 12 digits."""
+
+from typing import Any
+
+import numpy as np
+
+from taichi_jello.body import Body
+from taichi_jello.physics.colliders import plane, sphere
+from taichi_jello.scene import Contact, Scene
+
+TOLERANCE = 1e-12
+KNOWN = {"springs", "gravity", "drag", "contact", "uniform field"}  # titles of forces
+
+
+def incidence(body: Body) -> Any:
+    """(S, N) sparse: each spring's row has 1 at its first end and -1 at its second."""
+    from scipy.sparse import csr_array
+
+    springs, ones = np.arange(len(body.springs)), np.ones(len(body.springs))
+    ends = (np.concatenate([springs, springs]), body.springs.T.ravel())
+    return csr_array((np.concatenate([ones, -ones]), ends), (len(springs), len(body)))
+
+
+def spring_forces(body: Body, x: np.ndarray, v: np.ndarray, ends: Any = None) -> np.ndarray:
+    """(N, 3) Hooke and dashpot forces [N] (workshop Eq. 3 and 4); `ends` is the incidence of body, if it is at hand."""
+    ends = incidence(body) if ends is None else ends
+    d, w = ends @ x, ends @ v
+    squared = np.einsum("sa,sa->s", d, d)
+    pull = body.stiffness * (1.0 - body.rest_length / np.sqrt(squared))
+    pull += body.damping * np.einsum("sa,sa->s", d, w) / squared
+    return -(ends.T @ (pull[:, None] * d))
+
+
+def elastic_energy(body: Body, x: np.ndarray) -> float:
+    i, j = body.springs.T
+    stretch = np.linalg.norm(x[i] - x[j], axis=1) - body.rest_length
+    return float(0.5 * np.sum(body.stiffness * stretch**2))
+
+
+def touch(row: np.ndarray, ball: bool, x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+    """Outward normals (N, 3) and signed distances (N,) [m] of the points x at one surface of Collider.rows."""
+    p = x - (row[:3] + t * row[3:6])
+    if not ball:
+        return np.broadcast_to(row[6:9], p.shape), p @ row[6:9]
+    length = np.linalg.norm(p, axis=1)
+    return p / length[:, None], length - row[9]
+
+
+def contact_forces(
+    contact: Contact, grip: float, surfaces: list[tuple[np.ndarray, bool]], x: np.ndarray, v: np.ndarray, t: float
+) -> np.ndarray:
+    """(N, 3) penalty spring, dashpot and Coulomb friction [N] at all surfaces (workshop, "Collisions")."""
+    total = np.zeros_like(x)
+    for row, ball in surfaces:
+        n, distance = touch(row, ball, x, t)
+        (hit,) = np.nonzero(distance < 0.0)
+        if not len(hit):
+            continue
+        n, relative = n[hit], v[hit] - row[3:6]
+        speed = np.sum(relative * n, axis=1)
+        pressed = np.maximum(0.0, -contact.stiffness * distance[hit] - contact.damping * speed)
+        slip = relative - speed[:, None] * n
+        limit = contact.friction * pressed
+        rub = limit * grip / np.sqrt(grip**2 * np.sum(slip**2, axis=1) + limit**2 + 1e-300)
+        total[hit] += pressed[:, None] * n - rub[:, None] * slip
+    return total
+
+
+class Reference:
+    """A scene's equation of motion for the forces in KNOWN and the colliders plane, box and sphere. Raises ImportError
+    without SciPy."""
+
+    def __init__(self, scene: Scene, body: Body):
+        self.scene, self.body = scene, body
+        self.weight = np.where(body.pinned, 0.0, 1.0 / body.mass)[:, None]
+        self.grip = np.sqrt(scene.contact.stiffness * body.mass.min())
+        self.ends = incidence(body)
+        self.constant = body.mass[:, None] * np.array(scene.gravity)
+        self.constant = self.constant + sum(
+            (np.array(f.force) for f in scene.force if hasattr(f, "force")), np.zeros(3)
+        )
+        self.surfaces: list[tuple[np.ndarray, bool]] = []
+        self.evaluations = 0
+
+    @staticmethod
+    def knows(scene: Scene, titles: list[str]) -> bool:
+        """Whether everything that moves the particles is written here too; `titles` are those of the scene's forces."""
+        shapes = {plane.signed_distance, sphere.signed_distance}
+        return set(titles) <= KNOWN and all(c.signed_distance in shapes for c in scene.collider)  # type: ignore[attr-defined]
+
+    def begin_frame(self, start: float, end: float) -> None:
+        """Colliders move in straight lines from `start` to `end` [s]."""
+        self.surfaces = [
+            (row, collider.signed_distance is sphere.signed_distance)  # type: ignore[attr-defined]
+            for collider in self.scene.collider
+            for row in collider.rows(start, end)
+        ]
+
+    def acceleration(self, t: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """(N, 3) [m/s²], `t` seconds after the frame began."""
+        force = (
+            spring_forces(self.body, x, v, self.ends) + self.constant - self.scene.drag * self.body.mass[:, None] * v
+        )
+        if self.surfaces and self.scene.contact.stiffness > 0.0:
+            force += contact_forces(self.scene.contact, self.grip, self.surfaces, x, v, t)
+        return force * self.weight
+
+    def solve(self, x: np.ndarray, v: np.ndarray, seconds: float, frame_dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """x and v after `seconds` by DOP853 at a relative tolerance of 1e-12, frame by frame. Raises ArithmeticError
+        if DOP853 gives up."""
+        from scipy.integrate import solve_ivp
+
+        y = np.stack([x, v])
+
+        def slope(t: float, y: np.ndarray) -> np.ndarray:
+            x, v = y.reshape(2, -1, 3)
+            return np.stack([v, self.acceleration(t, x, v)]).ravel()
+
+        for k in range(max(1, round(seconds / frame_dt))):
+            self.begin_frame(k * frame_dt, (k + 1) * frame_dt)
+            span = (0.0, min(frame_dt, seconds - k * frame_dt))
+            done: Any = solve_ivp(slope, span, y.ravel(), method="DOP853", rtol=TOLERANCE, atol=0.1 * TOLERANCE)
+            if not done.success:
+                raise ArithmeticError(f"DOP853 gave up: {done.message}")
+            self.evaluations += done.nfev
+            y = done.y[:, -1].reshape(y.shape)
+        return y[0], y[1]
+
+
+def twisted(x: np.ndarray, degrees: float = 36.0, stretch: float = 0.1) -> np.ndarray:
+    """Points (N, 3) around the origin, twisted about the vertical [degrees a metre] and stretched along it."""
+    angle = np.radians(degrees) * x[:, 1]
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * x[:, 0] + s * x[:, 2], (1.0 + stretch) * x[:, 1], c * x[:, 2] - s * x[:, 0]], 1)

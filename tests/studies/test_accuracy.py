@@ -1,0 +1,177 @@
+"""Error against run time: the reference, the ladder, the conclusions, and what a person sees."""
+
+import argparse
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from taichi_jello import Box, Plane, Scene, SceneError, Simulation, Snapshot, Solver, Sphere, UniformField, runtime
+from taichi_jello.physics.integrators import schemes
+from taichi_jello.studies import _cases as cases
+from taichi_jello.studies import _truth as truths
+from taichi_jello.studies import _verdict as verdict
+from taichi_jello.studies import accuracy
+from taichi_jello.studies._reference import Reference, twisted
+
+QUICK = {"quick": True, "quiet": True, "arch": "cpu", "threads": 1, "dt": None, "substeps": None, "seconds": None}
+
+
+def asked(**options):
+    return argparse.Namespace(**{"scene": None, "method": None} | QUICK | options)
+
+
+EVERYTHING = Scene(
+    jello=[Box(points=(3, 3, 3), position=(0.0, 0.45, 0.0), velocity=(1.0, -1.0, 0.5), damping=0.4)],
+    collider=[Plane(), Sphere(center=(0.4, 0.3, 0.0), radius=0.3, swing=(0.2, 0.0, 0.1), period=0.3)],
+    drag=0.7,
+    force=[UniformField(force=(0.3, 0.1, -0.2))],
+    solver=Solver(frame_dt=0.05),
+)
+
+
+def test_numpy_has_the_program_s_physics():
+    runtime.start("cpu", "f64", 1)
+    simulation = Simulation(EVERYTHING, team=1)
+    reference = Reference(EVERYTHING, simulation.body)
+    assert reference.knows(EVERYTHING, [force.title for force in simulation.system.all_forces])
+    simulation.advance(0.07)
+    moved = simulation.snapshot()
+    assert truths.same_physics(reference, simulation, [Snapshot(0.0, moved.x, moved.v), moved])
+    assert simulation.energies()["contact"] > 0.0
+    other = Reference(Scene(**vars(EVERYTHING) | {"drag": 0.70001}), simulation.body)
+    assert not truths.same_physics(other, simulation, [moved])
+
+
+def test_without_scipy_the_table_still_has_a_reference(monkeypatch):
+    monkeypatch.setitem(sys.modules, "scipy.sparse", None)
+    case = cases.case_of(Scene(jello=[Box(points=(2, 2, 2))], gravity=(0.0, 0.0, 0.0)), 0.05)
+    exact = truths.truth(case)
+    assert "pip install 'taichi_jello[study]'" in exact.how and exact.how.startswith("RK4")
+
+
+@pytest.fixture(scope="module")
+def quick():
+    """The figures of one quick run; the reference, once found, is kept for the tests after it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(accuracy, "SECONDS", {True: 0.5})
+        known = truths.truth(cases.built_in(True)["smooth"])
+        patch.setattr(accuracy, "truth", lambda case: known)
+        yield accuracy.measure(asked())
+
+
+def test_both_solvers_agree_and_a_small_push_does_not_grow(quick):
+    (case,) = quick["cases"]
+    assert case["disagreement"] < 1e-8 and case["growth"] < 10.0 and not case["chaotic"]
+    assert "DOP853" in case["reference"] and "RK4" in case["reference"]
+    assert case["energy"] < case["energy_at_start"]
+
+
+def test_every_scheme_is_measured_in_both_precisions(quick):
+    (case,) = quick["cases"]
+    assert {(p["method"], p["precision"]) for p in case["points"]} == {
+        (m, p) for m in schemes() for p in ("f32", "f64")
+    }
+    for point in case["points"]:
+        assert point["seconds"]["median"] >= point["seconds"]["min"] > 0.0
+        assert point["steps"] * point["dt"] == pytest.approx(case["seconds"])
+
+
+def test_fitted_orders_are_those_of_the_schemes(quick):
+    (case,) = quick["cases"]
+    tolerance = {1: 0.1, 2: 0.15, 4: 0.25}  # of test_orders, which fits the same slopes
+    assert set(case["orders"]) >= {"rk2", "rk4", "verlet", "symplectic-euler"}
+    for method, order in case["orders"].items():
+        assert order == pytest.approx(schemes()[method].order, abs=tolerance[schemes()[method].order]), method
+
+
+def test_a_rerun_gives_the_same_errors_to_the_bit(quick):
+    mine = [p for p in quick["cases"][0]["points"] if p["method"] == "rk4" and p["steps"] < 100]
+    for number in {p["steps"] for p in mine}:
+        again = accuracy.measure(asked(method="rk4", substeps=number))["cases"][0]["points"]
+        same = [p for p in mine if p["steps"] == number]
+        assert [(p["precision"], p["error"], p["energy"]) for p in again] == [
+            (p["precision"], p["error"], p["energy"]) for p in same
+        ]
+
+
+def test_the_page_names_orders_the_floor_the_fastest_and_one_sentence(quick):
+    page = accuracy.text(quick)
+    for words in ("fitted orders", "float32 comes no nearer than", "fastest to 0.0001: ", "ms a frame"):
+        assert words in page
+    assert page.splitlines()[-1].startswith("To be within 1 mm for 0.1 s, use ")
+    # Rounding to 24 bits some thousand times a point: 1e-7 of the edge or somewhat more.
+    assert 3e-8 < quick["cases"][0]["float32_floor"] < 3e-6
+
+
+def test_the_plot_shows_every_method_and_real_time(quick, tmp_path):
+    accuracy.plot(quick, tmp_path / "x.svg")
+    drawn = (tmp_path / "x.svg").read_text()
+    for words in (*schemes(), "real time", "float32"):
+        assert f"<!-- {words}" in drawn or f"<!--  {words}" in drawn
+
+
+def point(method, error, seconds, **more):
+    return {"method": method, "precision": "f64", "dt": 1e-3, "steps": 100, "error": error, "centre": 1e-9,
+            "diverged": False, "seconds": {"min": seconds, "median": seconds}} | more  # fmt: skip
+
+
+def test_an_unknown_method_is_named():
+    with pytest.raises(SceneError, match=r"expected one of .*rk4.*, got 'rk5'"):
+        accuracy.measure(asked(method="rk4,rk5"))
+
+
+def test_ctrl_c_keeps_what_was_measured(quick, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(accuracy, "time_in_turns", interrupt)
+    told = accuracy.measure(asked(method="rk4", substeps=100))
+    assert told["interrupted"] and [p["precision"] for p in told["cases"][0]["points"]] == ["f64"]
+    assert accuracy.text(told).endswith("interrupted: the tables hold what was measured until then")
+
+
+def test_the_verdict_takes_the_fastest_that_is_near_enough():
+    points = [
+        point("a", 2e-3, 0.1),
+        point("b", 5e-4, 0.2),
+        point("c", 1e-5, 0.6),
+        point("d", np.inf, 0.0, diverged=True),
+    ]
+    case = {"points": points, "floor": 1e-7, "chaotic": False, "edge": 1.0, "seconds": 1.0}
+    best = verdict.fastest(case, 1e-3)
+    assert (best["method"], best["next"], best["times_as_long"]) == ("b", "c", pytest.approx(3.0))
+    assert verdict.sentence(case).startswith("To be within 1 mm for 1 s, use b ")
+    assert verdict.fastest(case, 1e-6) is None
+    # What the reference cannot tell apart is no proof of an error so small.
+    assert verdict.fastest(case | {"floor": 1e-4}, 2e-5) is None
+    chaotic = verdict.sentence(case | {"chaotic": True})
+    assert chaotic.startswith("To be with its centre of mass within 1 mm for 1 s, use a ")
+
+
+def test_a_chaotic_scene_is_said_to_be_one():
+    """Half a turn folds the cube: a push of 1e-9 decides where its points snap to."""
+    scene = Scene(
+        jello=[Box(points=(4, 4, 4), stiffness=2000.0, damping=0.0)],
+        gravity=(0.0, 0.0, 0.0),
+        solver=Solver(frame_dt=0.1),
+    )
+    case = cases.Case("folded", "a folded cube", scene, 0.1, lambda x: twisted(x, 180.0, 0.0))
+    exact = truths.truth(case)
+    assert exact.chaotic and exact.growth > 1e4
+    lines = accuracy.page({"points": [], "sentence": "", "told": []} | accuracy.about(case, exact))
+    assert any("too chaotic for errors point by point" in line for line in lines)
+
+
+def test_on_the_command_line(jello, tmp_path):
+    files = ("--json", "x.json", "--csv", "x.csv", "--plot", "x.png")
+    done = jello("study", "accuracy", "--quick", "--method", "rk4", "--dt", "0.001", *files)
+    assert done.returncode == 0, done.stderr
+    told = json.loads((tmp_path / "x.json").read_text())
+    assert [(p["method"], p["precision"], p["steps"]) for p in told["cases"][0]["points"]] == [
+        ("rk4", "f64", 100),
+        ("rk4", "f32", 100),
+    ]
+    assert (tmp_path / "x.csv").read_text().startswith("case,method,precision,dt,")
+    assert (tmp_path / "x.png").read_bytes()[:4] == b"\x89PNG"
