@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichi_jello.body import Body, join
+from taichi_jello.assembly import assembled
+from taichi_jello.body import Body
 from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.scene import Pin, Scene, Solver
 from taichi_jello.shapes.lattice import Box
@@ -32,7 +33,7 @@ class Case:
 
     @property
     def body(self) -> Body:
-        return join([jello.body() for jello in self.scene.jello])
+        return assembled(self.scene)
 
     @property
     def frames(self) -> int:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichi_jello import Scene
+from taichi_jello import Box, Scene
 from taichi_jello.studies._reference import Reference, elastic_energy, spring_forces, twisted
 
 __all__ = ["elastic_energy", "read", "solve", "spring_forces", "twisted"]
@@ -15,4 +15,4 @@ def read(memory, field):
 
 def solve(body, x, v, seconds, gravity=(0.0, 0.0, 0.0)):
     """x and v after `seconds` under springs and gravity by DOP853 at a relative tolerance of 1e-12."""
-    return Reference(Scene(gravity=gravity), body).solve(x, v, seconds, seconds)
+    return Reference(Scene(gravity=gravity, jello=[Box()]), body).solve(x, v, seconds, seconds)
