@@ -6,18 +6,20 @@ import numpy as np
 
 from taichi_jello.body import Body, join
 from taichi_jello.checked import SceneError
+from taichi_jello.elastic import material
 from taichi_jello.region import divided
 from taichi_jello.scene import Jello, Scene
 
 
 def built(jello: Jello) -> Body:
-    """The points and springs of one jello, with what its regions make of them."""
+    """The points and springs of one jello, of its material, as its regions change it."""
     body = jello.body()
     for name in ("x", "v"):
         if (given := getattr(jello, name)) is not None:
             if len(given) != len(body):
                 raise SceneError(name, f"expected {len(body)} points, got {len(given)}")
             body = replace(body, **{name: np.array(given)})
+    body = replace(body, **material(jello, body))
     return replace(body, **divided(body, tuple(jello.region))) if jello.region else body
 
 

@@ -139,7 +139,8 @@ class Jello(Checked):
     """One soft body. A subclass in `shapes` names its `shape` and builds the points and springs.
 
     position [m] of its centre, rotation [degrees about x, then y, then z], velocity [m/s], spin [rad/s],
-    mass [kg] of the whole, stiffness [N/m] and damping [N·s/m] of each spring or a table by family.
+    mass [kg] of the whole, stiffness [N/m] and damping [N·s/m] of each spring or a table by family. In their places a
+    solid may have a Young's modulus young [Pa], a density [kg/m³] and a damping_ratio: see taichi_jello.elastic.
     x [m], v [m/s]: (N, 3) where each point starts and how fast, instead of all that.
     """
 
@@ -152,6 +153,9 @@ class Jello(Checked):
     springs: Sequence[str] = FAMILIES
     stiffness: Any = 200.0
     damping: Any = 0.25
+    young: float | None = None
+    density: float | None = None
+    damping_ratio: float | None = None
     pin: Sequence[Pin] = ()
     x: Any = None
     v: Any = None
@@ -162,14 +166,23 @@ class Jello(Checked):
     def check(self) -> dict[str, Any]:
         if isinstance(self.springs, str) or not isinstance(self.springs, Sequence):
             raise SceneError("springs", f"expected a list of {', '.join(FAMILIES)}, got {self.springs!r}")
-        return {name: vector(name, getattr(self, name)) for name in ("position", "rotation", "velocity", "spin")} | {
-            "mass": number("mass", self.mass, above=0.0),
-            "springs": tuple(word("springs", family, FAMILIES) for family in self.springs),
-            "stiffness": by_family("stiffness", self.stiffness),
-            "damping": by_family("damping", self.damping),
-            "x": None if self.x is None else vectors("x", self.x),
-            "v": None if self.v is None else vectors("v", self.v),
-        }
+        given = [name for name in ("young", "density", "damping_ratio") if getattr(self, name) is not None]
+        checked = {name: number(name, getattr(self, name), above=0.0) for name in given if name != "damping_ratio"}
+        if self.damping_ratio is not None:
+            checked["damping_ratio"] = number("damping_ratio", self.damping_ratio, low=0.0)
+        motion = {name: vector(name, getattr(self, name)) for name in ("position", "rotation", "velocity", "spin")}
+        return (
+            motion
+            | checked
+            | {
+                "mass": number("mass", self.mass, above=0.0),
+                "springs": tuple(word("springs", family, FAMILIES) for family in self.springs),
+                "stiffness": by_family("stiffness", self.stiffness),
+                "damping": by_family("damping", self.damping),
+                "x": None if self.x is None else vectors("x", self.x),
+                "v": None if self.v is None else vectors("v", self.v),
+            }
+        )
 
     def body(self) -> Body:
         """Its points, springs and skin."""
