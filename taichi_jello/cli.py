@@ -15,9 +15,8 @@ from typing import Any
 import taichi_jello.sceneio as sceneio
 from taichi_jello import runtime
 from taichi_jello.options import options, studies
-from taichi_jello.physics.forces.grab import with_hand
 from taichi_jello.progress import bar
-from taichi_jello.replay import Recorded, Replay, Replayed, ReplayError
+from taichi_jello.replay import Recorded, Replay, Replayed, ReplayError, playable
 from taichi_jello.scene import Scene, SceneError, override
 from taichi_jello.simulation import Diverged, Simulation
 from taichi_jello.trajectory import Trajectory, last_moment
@@ -35,15 +34,22 @@ def make_scene(chosen: argparse.Namespace) -> Scene:
             scene = override(scene, key.split("."), value)
         except SceneError as error:
             raise Mistake(f"--set {error}") from None
-    if getattr(chosen, "color", None):
-        scene = replace(scene, camera=replace(scene.camera, color=chosen.color))
-    return scene
+    return in_color(chosen, scene)
+
+
+def in_color(chosen: argparse.Namespace, scene: Scene) -> Scene:
+    color = getattr(chosen, "color", None) or scene.camera.color
+    return replace(scene, camera=replace(scene.camera, color=color))
+
+
+def step_as_asked(chosen: argparse.Namespace, scene: Scene) -> Simulation:
+    return Simulation(scene, method=chosen.method, dt=chosen.dt, substeps=chosen.substeps)
 
 
 def make_simulation(chosen: argparse.Namespace, scene: Scene) -> Simulation:
     runtime.start(chosen.arch, chosen.precision, chosen.threads)
     try:
-        simulation = Simulation(scene, method=chosen.method, dt=chosen.dt, substeps=chosen.substeps)
+        simulation = step_as_asked(chosen, scene)
     except SceneError as error:
         raise Mistake(str(sceneio.located(chosen.scene, error))) from None
     if chosen.from_state:
@@ -67,7 +73,7 @@ def make_run(chosen: argparse.Namespace, scene: Scene) -> tuple[Any, Simulation,
     path = Path(chosen.replay)
     try:
         replay = Replay(path)
-        replayed = Replayed(make_simulation(chosen, with_hand(scene)), replay)
+        replayed = Replayed(make_simulation(chosen, playable(scene)), replay)
         return replayed, replayed.simulation, replayed.length * replayed.dt
     except OSError as error:
         raise Mistake(f"--replay {path}: {error.strerror or error}") from None
@@ -147,15 +153,16 @@ def last_good_kept(simulation: Simulation, path: Path) -> Iterator[None]:
 
 def do_shot(chosen: argparse.Namespace) -> None:
     from taichi_jello.record import write_png
+    from taichi_jello.view import picture
 
     path = output(chosen.output, ".png")
     stepped, simulation, _ = make_run(chosen, make_scene(chosen))
-    if chosen.at < simulation.time:
-        raise Mistake(f"--at {chosen.at:g}: expected at least {simulation.time:g} s, where --from begins")
+    if chosen.at < stepped.time:
+        raise Mistake(f"--at {chosen.at:g}: expected at least {stepped.time:g} s, where --from begins")
     with last_good_kept(simulation, path):
-        stepped.advance(chosen.at - simulation.time)
-    write_png(path, simulation.render(chosen.size, renderer=chosen.renderer))
-    say(chosen, f"{path}: {simulation.scene.title or chosen.scene} at {simulation.time:.4g} s")
+        stepped.advance(chosen.at - stepped.time)
+    write_png(path, picture(stepped, chosen.size, renderer=chosen.renderer))
+    say(chosen, f"{path}: {simulation.scene.title or chosen.scene} at {stepped.time:.4g} s")
 
 
 def do_video(chosen: argparse.Namespace) -> None:
@@ -171,7 +178,7 @@ def do_video(chosen: argparse.Namespace) -> None:
     clock = Clock(stepped, film.rate, chosen.speed)
     count = clock.frames(seconds if chosen.seconds is None else chosen.seconds)
     try:
-        camera = Skins(simulation) if film.takes is Mesh else Pictures(simulation, chosen.size, chosen.renderer)
+        camera = Skins(simulation) if film.takes is Mesh else Pictures(stepped, chosen.size, chosen.renderer)
     except ValueError as error:
         raise Mistake(f"-o {chosen.output}: {error}") from None
     try:
@@ -189,17 +196,20 @@ def do_video(chosen: argparse.Namespace) -> None:
 def play_in_window(chosen: argparse.Namespace) -> None:
     from taichi_jello.view.viewer import play
 
-    stepped, simulation, _ = make_run(chosen, with_hand(make_scene(chosen)))
+    def make(scene: Scene) -> Simulation:
+        return step_as_asked(chosen, playable(in_color(chosen, scene)))
+
+    stepped, simulation, _ = make_run(chosen, playable(make_scene(chosen)))
     if not chosen.log:
-        play(stepped, size=chosen.size, seconds=chosen.seconds)
+        play(stepped, size=chosen.size, seconds=chosen.seconds, make=make)
         return
     try:
         recorded = Recorded(simulation, Path(chosen.log))
     except OSError as error:
         raise Mistake(f"--log {chosen.log}: {error.strerror or error}") from None
     with contextlib.closing(recorded):
-        play(recorded, size=chosen.size, seconds=chosen.seconds)
-    say(chosen, f"{chosen.log}: {counted(recorded.frames, 'frame')} recorded")
+        play(recorded, size=chosen.size, seconds=chosen.seconds, make=make)
+    say(chosen, recorded.close())
 
 
 def do_play(chosen: argparse.Namespace) -> None:

@@ -5,18 +5,23 @@ The file holds one JSON object a line: first what was played, then every call wi
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
 
-from taichi_jello.physics.forces.grab import Held
-from taichi_jello.scene import Scene
+from taichi_jello import __version__
+from taichi_jello.physics.forces.grab import with_hand
+from taichi_jello.physics.forces.wind import with_wind
+from taichi_jello.scene import Camera, Scene
 from taichi_jello.simulation import Simulation, Snapshot
+from taichi_jello.words import counted
 
 FORMAT = 1
 BUDGET = 200e6  # bytes of moments that a replay keeps to go back to
+BEAT = 60  # frames after which the file says how long the play is so far
+# What of a Simulation changes how it goes on. A test looks that every public method is either here or changes nothing.
 CALLS = ("grab", "move_grab", "release", "push", "tune", "change_method", "reset")
 
 
@@ -24,10 +29,38 @@ class ReplayError(ValueError):
     """A file that is no recorded play, or one of another scene or of other settings."""
 
 
+class ReplayOver(Exception):
+    """The repeated play has no frame more; the next one begins a new run."""
+
+
+def playable(scene: Scene) -> Scene:
+    """The scene with what a person needs to play with it, a hand and wind, unless it has them."""
+    return with_wind(with_hand(scene))
+
+
+def _plainly(value: Any) -> Any:
+    """The same text for the same scene in any process: without defaults, so that a key that is new changes no scene
+    that does not use it."""
+    if is_dataclass(value):
+        own = {f.name: getattr(value, f.name) for f in fields(value)}
+        default = {f.name: f.default for f in fields(value)}
+        told = {name: _plainly(part) for name, part in own.items() if _plainly(part) != _plainly(default[name])}
+        return [type(value).__name__, told]
+    if isinstance(value, dict):
+        return {str(key): _plainly(part) for key, part in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plainly(part) for part in value]
+    if isinstance(value, np.ndarray):
+        return [value.shape, hashlib.sha256(value.tobytes()).hexdigest()]
+    if callable(value):
+        return getattr(value, "__qualname__", type(value).__name__)
+    return repr(value)
+
+
 def fingerprint(scene: Scene) -> str:
-    """Short and different for scenes that differ in anything but their camera."""
-    parts = {name: value for name, value in vars(scene).items() if name not in ("camera", "seconds", "title")}
-    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+    """Short and different for scenes that differ in anything but their camera, length and title."""
+    plain = replace(scene, camera=Camera(), seconds=0.0, title="")
+    return hashlib.sha256(json.dumps(_plainly(plain)).encode()).hexdigest()[:16]
 
 
 def header(simulation: Simulation) -> dict[str, Any]:
@@ -35,6 +68,7 @@ def header(simulation: Simulation) -> dict[str, Any]:
     owner = simulation.system.owner
     return {
         "jello_play": FORMAT,
+        "version": __version__,
         "scene": fingerprint(simulation.scene),
         "method": simulation.method,
         "substeps": simulation.substeps,
@@ -53,7 +87,7 @@ class Recorded:
     Every line is whole when it is written, so that a play that is killed can still be replayed up to there."""
 
     def __init__(self, simulation: Simulation, path: Path):
-        self.simulation, self.frames = simulation, 0
+        self.simulation, self.frames, self.path = simulation, 0, path
         self._file: TextIO = path.open("w", encoding="utf-8")
         self._write(header(simulation))
 
@@ -77,12 +111,18 @@ class Recorded:
     def frame(self) -> None:
         self.simulation.frame()
         self.frames += 1
+        if self.frames % BEAT == 0:
+            self._end()
 
-    def close(self) -> None:
-        """Note how long the play was."""
+    def _end(self) -> None:
+        self._write({"frame": self.frames, "call": "end"})
+
+    def close(self) -> str:
+        """Note how long the play was, and tell it. Nothing is recorded after that."""
         if not self._file.closed:
-            self._write({"frame": self.frames, "call": "end"})
+            self._end()
             self._file.close()
+        return f"{self.path}: {counted(self.frames, 'frame')} recorded"
 
 
 class Replay:
@@ -127,12 +167,11 @@ class Moment:
     snapshot: Snapshot
     method: str
     tuning: dict[str, Any]
-    held: Held | None
     calls: int
 
     @classmethod
     def of(cls, simulation: Simulation, calls: int) -> "Moment":
-        return cls(simulation.snapshot(), simulation.method, simulation.tuning, simulation.held, calls)
+        return cls(simulation.snapshot(), simulation.method, simulation.tuning, calls)
 
     @property
     def bytes(self) -> int:
@@ -144,10 +183,6 @@ class Moment:
             simulation.change_method(self.method)
         simulation.tune(**self.tuning)
         simulation.restore(self.snapshot)
-        if self.held is not None:
-            simulation.grab(self.held.particles, self.held.weights, self.held.target)
-        elif simulation.held is not None:
-            simulation.release()
         return self.calls
 
 
@@ -163,6 +198,7 @@ class Replayed:
         self._next = 0  # of the calls
         self._kept: dict[int, Moment] = {}
         self._every = 1  # frames between two kept moments
+        self._told = False  # that it is over
 
     def __getattr__(self, name: str) -> Any:
         found = getattr(self.simulation, name)
@@ -170,22 +206,33 @@ class Replayed:
             return found
 
         def call(*arguments: Any, **named: Any) -> Any:
+            if self.repeating and self.simulation.held is not None:
+                self.simulation.release()  # the recorded hand is not that of the person who takes over
             self.repeating = False
             return found(*arguments, **named)
 
         return call
 
     def frame(self) -> None:
+        """The next frame. Raises ReplayOver once where the play ends; who goes on from there begins a new run."""
+        if self.repeating and self.frames >= self.length:
+            if not self._told:
+                self._told = True
+                raise ReplayOver
+            self.repeating = False
         if self.repeating:
             self._keep()
-        while self.repeating and self._next < len(self._calls) and self._calls[self._next]["frame"] <= self.frames:
+            self._make_calls()
+        self.simulation.frame()
+        self.frames += 1
+
+    def _make_calls(self) -> None:
+        """What was done before the frame that follows."""
+        while self._next < len(self._calls) and self._calls[self._next]["frame"] <= self.frames:
             call = self._calls[self._next]
             self._next += 1
             if call["call"] != "end":
                 getattr(self.simulation, call["call"])(*call["with"], **call["named"])
-        self.simulation.frame()
-        self.frames += 1
-        self.repeating = self.repeating and self.frames < self.length
 
     def _keep(self) -> None:
         """Keep this moment for scrub; every second one goes when they outgrow BUDGET."""
@@ -198,12 +245,18 @@ class Replayed:
 
     def scrub(self, frames: int) -> None:
         """Go forth, or back, by so many frames of the play: from the nearest kept moment before."""
-        wanted = min(max(self.frames + frames, 0), self.length - 1)
+        wanted = min(max(self.frames + frames, 0), self.length)
         if wanted < self.frames:
             self.frames = max(frame for frame in self._kept if frame <= wanted)
             self._next = self._kept[self.frames].back_to(self.simulation)
+            self._told = False
         while self.frames < wanted:
             self.frame()
+
+    @property
+    def time(self) -> float:
+        """[s] of the play, also where the play set the simulation's own clock back."""
+        return self.frames * self.dt
 
     @property
     def dt(self) -> float:

@@ -34,12 +34,15 @@ class Diverged(RuntimeError):
 @dataclass(frozen=True)
 class Snapshot:
     """Everything a run needs to go on to the same bits: time [s], x [m] and v [m/s], (N, 3), and a memory of what has
-    changed in the springs, empty where nothing changes. Without it a run goes on as if nothing had changed before."""
+    changed in the springs, empty where nothing changes. Without it a run goes on as if nothing had changed before.
+    Where a simulation has made it, also the clock that `time` is the sum of, and what the hand does."""
 
     time: float
     x: np.ndarray
     v: np.ndarray
     memory: dict[str, np.ndarray] = field(default_factory=dict)
+    clock: tuple[float, int, int, float] | None = None  # time before the frames [s], frames, substeps, dt [s]
+    grip: tuple[Any, ...] | None = None
 
 
 class Simulation:
@@ -190,7 +193,9 @@ class Simulation:
     def snapshot(self) -> Snapshot:
         """A copy of this moment."""
         runtime.check(self.system.owner)
-        return Snapshot(self.time, *self.system.read(), self.system.changes.memory())
+        clock = self._time_before_frames, self._frames, self._done, self.dt
+        grip = None if self._hand is None else self._hand.grip
+        return Snapshot(self.time, *self.system.read(), self.system.changes.memory(), clock, grip)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back (or on) to a snapshot of the same scene; running on from it gives the same bits as before.
@@ -207,7 +212,13 @@ class Simulation:
                 raise ValueError(f"{name}: expected finite numbers")
         self.system.write(snapshot.x, snapshot.v)
         self.system.changes.recall(snapshot.memory)
-        self._set_time(snapshot.time)
+        if snapshot.clock is not None and snapshot.clock[3] == self.dt:
+            self._time_before_frames, self._frames, self._done, _ = snapshot.clock
+            self._begun = False
+        else:
+            self._set_time(snapshot.time)
+        if snapshot.grip is not None and self._hand is not None:
+            self._hand.grip = snapshot.grip
 
     def _set_time(self, time: float) -> None:
         """Find the frame and substep of `time`; a time between substeps becomes a frame's beginning of its own."""
@@ -233,7 +244,7 @@ class Simulation:
     def change_method(self, name: str) -> None:
         """Go on from here with another method. Raises SceneError if there is none of that name or it has no safe
         step."""
-        now, tuning, hand, before = self.snapshot(), self.tuning, self._hand, (self.system, self.method)
+        now, tuning, before = self.snapshot(), self.tuning, (self.system, self.method)
         system = System(self.scene, self.body, method=name)
         self.system, self.method = system, name
         try:
@@ -243,8 +254,6 @@ class Simulation:
             self.system, self.method = before
             raise
         self.restore(now)
-        if hand is not None and hand.holds and self._hand is not None:
-            self._hand.take(hand.particles, hand.weights, hand.target)
 
     def change_step(self, *, dt: float | str | None = None, substeps: int | None = None) -> None:
         """Cut the frames that follow otherwise: by dt [s], "auto" or a number of substeps, as at the beginning."""

@@ -81,7 +81,7 @@ class System:
             owners = [force for force in self.all_forces if name in force.tuning()]
             if not owners:
                 raise ValueError(f"{name}: expected one of {', '.join(self.tuning)}")
-            if not np.isfinite(value).all() or (name != "gravity" and value < 0.0):
+            if not np.isfinite(value).all() or (np.ndim(value) == 0 and value < 0.0):
                 raise ValueError(f"{name}: expected finite numbers, not negative, got {value!r}")
             for force in owners:
                 force.tune(name, value)

@@ -17,6 +17,7 @@ ZOOM = 1.15  # a key press
 PUSH = 1.2  # m/s along the ground
 JUMP = 3.0  # m/s
 SCRUB = 30  # frames of a repeated play
+WIND = 5.0  # m/s
 GRAVITY = 9.81  # m/s² where the scene has none of its own
 ROOM = 1.35  # how much farther the eye goes than where the jello just fits
 
@@ -27,7 +28,10 @@ def pause(viewer: "Viewer") -> None:
 
 def restart(viewer: "Viewer") -> None:
     viewer.let_go()
-    viewer.simulation.reset()
+    if viewer.repeating:
+        viewer.simulation.scrub(-viewer.simulation.frames)
+    else:
+        viewer.simulation.reset()
     viewer.pace.rest()
 
 
@@ -65,11 +69,15 @@ def leave(viewer: "Viewer") -> None:
 
 
 def nearer(viewer: "Viewer") -> None:
-    viewer.viewpoint.zoom(1.0 / ZOOM)
+    viewer.zoom(1.0 / ZOOM)
 
 
 def farther(viewer: "Viewer") -> None:
-    viewer.viewpoint.zoom(ZOOM)
+    viewer.zoom(ZOOM)
+
+
+def first_view(viewer: "Viewer") -> None:
+    viewer.viewpoint.reset()
 
 
 def look(viewer: "Viewer") -> None:
@@ -92,7 +100,7 @@ def push(right: float, forward: float) -> Callable[["Viewer"], None]:
     is repeated, right and left go through it: frame by frame when paused."""
 
     def action(viewer: "Viewer") -> None:
-        if right and getattr(viewer.simulation, "repeating", False):
+        if right and viewer.repeating:
             viewer.simulation.scrub(int(right) * (1 if viewer.paused else SCRUB))
             viewer.notice = f"frame {viewer.simulation.frames} of {viewer.simulation.length}"
         elif viewer.paused and right > 0.0:
@@ -116,6 +124,20 @@ def next_gravity(viewer: "Viewer") -> None:
         viewer.notice = f"gravity: {name}"
 
 
+def next_wind(viewer: "Viewer") -> None:
+    """From the left, from the right, calm, as the eye sees it."""
+    right = viewer.viewpoint.axes()[0]
+    now = float(np.dot(viewer.simulation.tuning.get("wind", (0.0, 0.0, 0.0)), right))
+    if now == 0.0:
+        name, wind = "from the left", WIND * right
+    elif now > 0.0:
+        name, wind = "from the right", -WIND * right
+    else:
+        name, wind = "calm", 0.0 * right
+    if viewer.tune(wind=tuple(float(part) + 0.0 for part in wind)):
+        viewer.notice = f"wind: {name}"
+
+
 def next_method(viewer: "Viewer") -> None:
     names = list(schemes())
     now = names.index(viewer.simulation.method)
@@ -134,11 +156,17 @@ def next_method(viewer: "Viewer") -> None:
 
 
 def next_demo(viewer: "Viewer") -> None:
+    """A recording or a replay is of one scene: it ends here."""
+
     def change() -> None:
         try:
-            viewer.play(playlist.following(viewer.simulation))
+            following = playlist.following(viewer.simulation.scene, viewer.make)
         except ValueError as error:
             viewer.notice = str(error)
+            return
+        ended = viewer.end_recording()
+        viewer.play(following)
+        viewer.notice = ended
 
     viewer.let_go()
     viewer.wait_for("compiling the next demo ...", change)
@@ -146,9 +174,9 @@ def next_demo(viewer: "Viewer") -> None:
 
 KEYS: dict[str, Callable[["Viewer"], None]] = {
     " ": pause, "r": restart, "backspace": restart, "c": next_color, "k": next_show, "p": ask_photo, "h": toggle_help,
-    "tab": toggle_panel, "escape": leave, "w": nearer, "s": farther, "f": look, "j": jump, "g": next_gravity,
-    "v": toggle_film, "m": next_method, "n": next_demo, "left": push(-1.0, 0.0), "right": push(1.0, 0.0),
-    "up": push(0.0, 1.0), "down": push(0.0, -1.0),
+    "tab": toggle_panel, "escape": leave, "w": nearer, "s": farther, "f": look, "o": first_view, "j": jump,
+    "g": next_gravity, "b": next_wind, "v": toggle_film, "m": next_method, "n": next_demo,
+    "left": push(-1.0, 0.0), "right": push(1.0, 0.0), "up": push(0.0, 1.0), "down": push(0.0, -1.0),
 }  # fmt: skip
 HELP = (
     ("drag the jello", "pull it; let go to throw it"),
@@ -157,9 +185,11 @@ HELP = (
     ("middle drag", "move the view"),
     ("W S", "nearer, farther"),
     ("F", "look at the jello"),
+    ("O", "the first view again"),
     ("left right up down", "push the jello"),
     ("J", "jump"),
     ("G", "gravity: down, up, off"),
+    ("B", "wind: from left, from right, calm"),
     ("Space", "pause, go on"),
     ("right", "one frame, while paused"),
     ("left right", "in a replay: back, on"),

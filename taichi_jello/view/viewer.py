@@ -1,8 +1,9 @@
 """The interactive window: what it shows, what keys and the mouse do, and the loop that keeps it going."""
 
+import contextlib
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,9 @@ import numpy as np
 
 from taichi_jello.film import Film, FilmProblem
 from taichi_jello.record import write_png
-from taichi_jello.scene import COLORS
-from taichi_jello.simulation import Diverged
+from taichi_jello.replay import ReplayOver
+from taichi_jello.scene import COLORS, Scene
+from taichi_jello.simulation import Diverged, Simulation
 from taichi_jello.view import palette
 from taichi_jello.view.actions import HELP, KEYS
 from taichi_jello.view.camera import Viewpoint
@@ -27,6 +29,7 @@ from taichi_jello.view.renderers import drawing_of
 from taichi_jello.words import counted
 
 FILM_RATE = 30  # frames a second of a film made in the window
+CLEARANCE = 0.05  # m between the floor and the eye
 ORBIT = 4.0  # rad for a drag across the whole height of the window
 SHOWS: tuple[tuple[str, frozenset[str]], ...] = (
     ("skin and springs", frozenset()),
@@ -42,12 +45,19 @@ class Viewer:
     Asked with handle_key, press, move and release, and moved on by advance; `notice` is the last thing to tell,
     `size` the window's (width, height) [pixels]. Places are columns and rows from its upper left corner."""
 
-    def __init__(self, simulation: Any, color: str = "", folder: str | os.PathLike[str] = "."):
+    def __init__(
+        self,
+        simulation: Any,
+        color: str = "",
+        folder: str | os.PathLike[str] = ".",
+        make: Callable[[Scene], Any] = Simulation,
+    ):
         color = color or simulation.scene.camera.color
         if color not in COLORS:
             raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
         # Absolute: while GGUI shows a picture the process works in another folder, and films are written meanwhile.
         self.folder, self.size = Path(folder).resolve(), (1280, 720)
+        self.make = make
         self.paused = self.helping = self.panelled = self.leaving = self.photo = False
         self.show = 0
         self.pace = Pace()
@@ -65,8 +75,13 @@ class Viewer:
         self.viewpoint = Viewpoint.of(simulation.scene.camera)
         self.hand: Hand | None = None
         self.gauges = Gauges()
-        self.notice = ""
+        self.notice, self._repeated = "", self.repeating
         self.pace.rest()
+
+    @property
+    def repeating(self) -> bool:
+        """Whether the simulation repeats a recorded play, so that one can go back and forth in it."""
+        return bool(getattr(self.simulation, "repeating", False))
 
     @property
     def rate(self) -> float:
@@ -129,11 +144,26 @@ class Viewer:
 
     def drag(self, button: str, right: float, up: float) -> None:
         """Move the view: the mouse moved by these fractions of the window's height with `button` held."""
-        if button == "middle":
-            meters = 2.0 * self.viewpoint.distance * float(np.tan(np.radians(self.viewpoint.fov) / 2.0))
-            self.viewpoint.pan(-right * meters, -up * meters)
-        else:
-            self.viewpoint.orbit(-ORBIT * right, -ORBIT * up)
+        with self._above_the_floor():
+            if button == "middle":
+                meters = 2.0 * self.viewpoint.distance * float(np.tan(np.radians(self.viewpoint.fov) / 2.0))
+                self.viewpoint.pan(-right * meters, -up * meters)
+            else:
+                self.viewpoint.orbit(-ORBIT * right, -ORBIT * up)
+
+    def zoom(self, factor: float) -> None:
+        """Multiply the distance to what is looked at."""
+        with self._above_the_floor():
+            self.viewpoint.zoom(factor)
+
+    @contextlib.contextmanager
+    def _above_the_floor(self) -> Iterator[None]:
+        """An eye that is above a level floor stays there: from below the floor hides all."""
+        eye = self.viewpoint.eye
+        floors = [level for collider in self.simulation.scene.collider if (level := collider.floor()) is not None]
+        yield
+        lowest = min(max(floors, default=-np.inf) + CLEARANCE, float(eye[1]))
+        self.viewpoint.eye[1] = max(self.viewpoint.eye[1], lowest)
 
     def advance(self, seconds: float) -> int:
         """Let the `seconds` since the last drawn frame pass: whole physics frames follow. Returns how many."""
@@ -147,7 +177,9 @@ class Viewer:
             return self.pace.advance(self.simulation, seconds)
         except Diverged as bad:
             self._stop(bad)
-            return 0
+        except ReplayOver:
+            self._pause_at_the_end()
+        return 0
 
     def step(self) -> None:
         """One physics frame."""
@@ -155,6 +187,10 @@ class Viewer:
             self.pace.frame(self.simulation)
         except Diverged as bad:
             self._stop(bad)
+
+    def _pause_at_the_end(self) -> None:
+        self.paused = True
+        self.notice = "end of the replay; Left: back, Space: go on as a new run"
 
     def _stop(self, bad: Diverged) -> None:
         self.paused = True
@@ -184,6 +220,8 @@ class Viewer:
 
     def update(self) -> None:
         """Fill the drawing from the simulation's state."""
+        if self._repeated and not self.repeating:
+            self._repeated, self.notice = False, "the replay is left: a new run from here"
         self.drawing.hidden = set(SHOWS[self.show][1])
         if self.drawing.springs is not None:
             tuning = self.simulation.tuning
@@ -212,7 +250,7 @@ class Viewer:
             return sheet
         if self.panelled:
             plot(sheet, self.gauges.past)
-        held = self.simulation.held if self.hand is not None else None
+        held = self.simulation.held if self.hand is not None or self.repeating else None
         if held is not None:
             mark(sheet, held, self.viewpoint)
         return sheet
@@ -244,13 +282,17 @@ class Viewer:
                 kept = f"what {film.path.name} has so far is kept" if film.kept else "no film is kept"
                 self.notice = f"{error.strerror or error}: {kept}"
 
+    def end_recording(self) -> str:
+        """End the recording or the repeating of this play, if that is what is shown; what to tell of it."""
+        if hasattr(self.simulation, "close"):
+            return str(self.simulation.close())
+        return "the replay is over" if self.repeating else ""
+
     def keep(self) -> str:
         """End what is being recorded, if anything is, since the window is lost; what to tell of it."""
         self.notice = ""
         self.stop_film()
-        if hasattr(self.simulation, "close"):
-            self.simulation.close()
-        return self.notice
+        return "; ".join(filter(None, [self.notice, self.end_recording()]))
 
     def take(self, image: np.ndarray) -> None:
         """A picture of this moment, (height, width, 3) uint8, for whoever asked for one."""
@@ -300,16 +342,18 @@ def play(
     color: str = "",
     folder: str | os.PathLike[str] = ".",
     seconds: float | None = None,
+    make: Callable[[Scene], Any] = Simulation,
 ) -> None:
     """Show a simulation in a window until Esc or its close button, or until `seconds` of the simulation are
     over.
 
-    color: one of COLORS, by default the scene's; folder: where P saves pictures. Raises RuntimeProblem
+    color: one of COLORS, by default the scene's; folder: where P saves pictures; make: makes a simulation of the scene
+    that N goes to. Raises RuntimeProblem
     without a Vulkan driver or a screen.
     """
     from taichi_jello.view.screen import Screen
 
-    viewer = Viewer(simulation, color, folder)
+    viewer = Viewer(simulation, color, folder, make)
     screen = Screen(size, simulation.scene.title or "jello", viewer.keep)
     before = time.perf_counter()
     try:

@@ -19,6 +19,7 @@ class Still:
         self.scene, self.frame_dt, self.time, self.resets = scene, scene.solver.frame_dt, 0.0, 0
         self.body = join([jello.body() for jello in scene.jello])
         self.tuning = {"stiffness": 1.0, "damping": 1.0, "gravity": (0.0, -9.81, 0.0), "friction": 0.3}
+        self.tuning["wind"] = (0.0, 0.0, 0.0)
         self.held, self.calls, self.memory = None, [], {}
         self.put(self.body.x)
 

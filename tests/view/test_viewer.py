@@ -10,7 +10,7 @@ from still import Still, cube_scene
 from taichi_jello.physics.integrators import schemes
 from taichi_jello.scene import COLORS
 from taichi_jello.simulation import Diverged
-from taichi_jello.view.actions import HELP, KEYS
+from taichi_jello.view.actions import HELP, KEYS, WIND
 from taichi_jello.view.pace import BUDGET, MOST_FRAMES
 from taichi_jello.view.viewer import SHOWS, Viewer
 
@@ -37,7 +37,7 @@ def test_a_slow_machine_slows_time_and_catches_up_with_nothing(viewer):
 def test_heavy_physics_leaves_time_to_draw(viewer, monkeypatch):
     monkeypatch.setattr(Still, "frame", lambda self: time.sleep(3.0 * BUDGET))
     assert viewer.advance(4.0 * viewer.simulation.frame_dt) < 4
-    assert viewer.pace.cost == pytest.approx(3.0 * BUDGET, rel=0.5)
+    assert viewer.pace.cost >= 2.9 * BUDGET
     assert viewer.advance(0.5 * viewer.simulation.frame_dt) == 0  # what could not be done is not owed
 
 
@@ -87,6 +87,26 @@ def test_drags_move_the_camera(viewer):
     # Half a window's height of pan moves the picture by half its height.
     moved = viewer.viewpoint.project(np.array([[0.0, 0.6, 0.0]]), (800, 400))[0]
     assert moved == pytest.approx([600.0, 200.0])
+
+
+def test_the_eye_stays_above_the_floor_and_o_brings_the_first_view_back(viewer):
+    start = viewer.viewpoint.eye.copy()
+    for _ in range(50):
+        viewer.drag("right", 0.02, 0.05)
+        viewer.handle_key("s")
+        assert viewer.viewpoint.eye[1] > 0.0
+        assert np.isfinite(viewer.viewpoint.axes()).all()
+    viewer.handle_key("o")
+    assert viewer.viewpoint.eye == pytest.approx(start)
+
+
+def test_b_is_wind_from_the_left_from_the_right_and_none(viewer):
+    """As the eye sees it: here it looks along -z, its right is +x."""
+    seen = []
+    for _ in range(3):
+        viewer.handle_key("b")
+        seen.append(viewer.simulation.tuning["wind"])
+    assert seen == [(WIND, 0.0, 0.0), (-WIND, 0.0, 0.0), (0.0, 0.0, 0.0)]
 
 
 def grab_at(viewer, point=(0.0, 0.5, 0.5)):

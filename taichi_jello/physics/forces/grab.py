@@ -88,6 +88,16 @@ class Hand(ParticleForce):
         self.target = self._from = self._to = np.array(target, float)
         self._changed = True
 
+    @property
+    def grip(self):
+        """All that begin_frame goes by."""
+        return self.particles, self.weights, self.target, self._from, self._to, self._frame
+
+    @grip.setter
+    def grip(self, grip):
+        self.particles, self.weights, self.target, self._from, self._to, self._frame = grip
+        self._changed = True
+
     def let_go(self):
         self.particles, self.weights, self._changed = np.zeros(0, np.int32), np.zeros(0), True
 

@@ -1,0 +1,63 @@
+"""Wind, F = m γ (w - v): air that moves at w drags everything along. Calm until it is tuned; then w may change."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.physics.forces._base import ParticleForce, Rates
+from taichi_jello.scene import Force, Scene, Vector, number, vector
+
+RATE = 1.5  # 1/s: a jello in the wind is at two thirds of its speed within a second
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wind(Force):
+    """Air that moves at `velocity` [m/s] and takes the jellos along at `rate` [1/s]. At rest it does nothing: the still
+    air that slows them is the scene's drag."""
+
+    key: ClassVar[str] = "wind"
+    velocity: Vector = (0.0, 0.0, 0.0)
+    rate: float = RATE
+
+    def check(self):
+        return {"velocity": vector("velocity", self.velocity), "rate": number("rate", self.rate, low=0.0)}
+
+
+def with_wind(scene: Scene) -> Scene:
+    """The scene with a wind that can be tuned: its own if it has one, else none until then."""
+    own = any(isinstance(force, Wind) for force in scene.force)
+    return scene if own else replace(scene, force=(*scene.force, Wind()))
+
+
+@ti.data_oriented
+class WindForce(ParticleForce):
+    title = "wind"
+    reads_velocity = True
+
+    def __init__(self, wind, particles):
+        self.particles, self.rate, self.velocity = particles, wind.rate, tuple(wind.velocity)
+        # Rows: the velocity [m/s], and in each column the rate [1/s] while it blows.
+        self.air = particles.memory.table(self.title, "air", self._rows())
+
+    @classmethod
+    def made_for(cls, scene, particles):
+        return [cls(force, particles) for force in scene.force if isinstance(force, Wind)]
+
+    def _rows(self):
+        return np.array([self.velocity, [self.rate if any(self.velocity) else 0.0] * 3])
+
+    def tuning(self):
+        return {"wind": self.velocity}
+
+    def tune(self, name, value):
+        self.velocity = tuple(map(float, value))
+        self.air.from_numpy(self._rows().astype(self.particles.memory.number))
+
+    @ti.func
+    def on(self, i, x, v, t):
+        return self.particles.mass(i) * self.air[1] * (self.air[0] - v[i])
+
+    def rates(self):
+        return Rates(damping=self.rate)
