@@ -197,7 +197,7 @@ HELP = (
     ("M", "next method"),
     ("N", "next demo"),
     ("Tab", "panel and energies"),
-    ("C", "color: force, strain, stiffness, family, plain"),
+    ("C", "what the color shows"),
     ("K", "show: skin, springs, particles"),
     ("P", "save a picture"),
     ("V", "film, end the film"),
