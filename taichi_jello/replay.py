@@ -22,7 +22,7 @@ FORMAT = 1
 BUDGET = 200e6  # bytes of moments that a replay keeps to go back to
 BEAT = 60  # frames after which the file says how long the play is so far
 # What of a Simulation changes how it goes on. A test looks that every public method is either here or changes nothing.
-CALLS = ("grab", "move_grab", "release", "push", "tune", "change_method", "reset")
+CALLS = ("grab", "move_grab", "release", "push", "tune", "change_method", "change_step", "reset")
 
 
 class ReplayError(ValueError):
@@ -166,12 +166,13 @@ class Moment:
 
     snapshot: Snapshot
     method: str
+    asked: tuple[float | str, int | None]  # dt and substeps
     tuning: dict[str, Any]
     calls: int
 
     @classmethod
     def of(cls, simulation: Simulation, calls: int) -> "Moment":
-        return cls(simulation.snapshot(), simulation.method, simulation.tuning, calls)
+        return cls(simulation.snapshot(), simulation.method, simulation.asked_step, simulation.tuning, calls)
 
     @property
     def bytes(self) -> int:
@@ -181,6 +182,8 @@ class Moment:
         """Bring the simulation there; the number of calls that were made before."""
         if simulation.method != self.method:
             simulation.change_method(self.method)
+        dt, substeps = self.asked
+        simulation.change_step(dt=dt, substeps=substeps)
         simulation.tune(**self.tuning)
         simulation.restore(self.snapshot)
         return self.calls

@@ -67,9 +67,9 @@ class Simulation:
         self._check_rooms()
         self.method = method or scene.solver.method
         self.frame_dt = scene.solver.frame_dt
-        self._asked = scene.solver.dt if dt is None else dt, substeps
+        self.asked_step = scene.solver.dt if dt is None else dt, substeps
         self.system = System(scene, self.body, method=self.method, team=team)
-        self.substeps = self._choose_substeps(*self._asked)
+        self.substeps = self._choose_substeps(*self.asked_step)
         self.dt = self.frame_dt / self.substeps
         self._frames = self._done = 0
         self._begun = False
@@ -258,12 +258,12 @@ class Simulation:
     def change_step(self, *, dt: float | str | None = None, substeps: int | None = None) -> None:
         """Cut the frames that follow otherwise: by dt [s], "auto" or a number of substeps, as at the beginning."""
         runtime.check(self.system.owner)
-        self._asked = self.scene.solver.dt if dt is None else dt, substeps
+        self.asked_step = self.scene.solver.dt if dt is None else dt, substeps
         self._choose_step()
 
     def _choose_step(self) -> None:
         """Begin a frame here with the number of substeps that is safe now."""
-        time, substeps = self.time, self._choose_substeps(*self._asked)
+        time, substeps = self.time, self._choose_substeps(*self.asked_step)
         if substeps != self.substeps or self._done:
             self.substeps, self.dt = substeps, self.frame_dt / substeps
             self._time_before_frames, self._frames, self._done = time, 0, 0

@@ -59,6 +59,8 @@ def play(simulation):
             simulation.tune(stiffness=3.0, gravity=(0.0, 2.0, 0.0), friction=0.1, wind=(2.0, 0.0, -1.0))
         if frame == 25:
             simulation.change_method("symplectic-euler")
+        if frame == 27:
+            simulation.change_step(substeps=200)
         if frame == 30:
             simulation.reset()
             simulation.grab([0], [1.0], np.array([0.0, 2.0, 0.0]))
