@@ -70,6 +70,12 @@ def word(key: str, value: Any, allowed: Sequence[str] | None = None) -> str:
     return value
 
 
+def truth(key: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise SceneError(key, f"expected true or false, got {value!r}")
+    return value
+
+
 def by_family(key: str, value: Any) -> Any:
     """One number for all springs, or a table with a number for each family that is named."""
     if isinstance(value, dict):

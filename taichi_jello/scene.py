@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from taichi_jello.body import Body
-from taichi_jello.checked import FAMILIES, Checked, SceneError, Vector, by_family, number, vector, vectors, word
+from taichi_jello.checked import FAMILIES, Checked, SceneError, Vector, by_family, number, truth, vector, vectors, word
 from taichi_jello.checked import whole as whole
 from taichi_jello.keyframes import GravityKeyframe, Keyframe, Move, offset
 from taichi_jello.region import Region
@@ -41,14 +41,17 @@ class Solver(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Contact(Checked):
-    """The penalty spring [N/m], dashpot [N·s/m] and Coulomb coefficient of every touching point."""
+    """The penalty spring [N/m], dashpot [N·s/m] and Coulomb coefficient of every touching point; `touch`: whether
+    jellos feel each other."""
 
     stiffness: float = 2000.0
     damping: float = 0.5
     friction: float = 0.3
+    touch: bool = True
 
     def check(self) -> dict[str, Any]:
-        return {name: number(name, getattr(self, name), low=0.0) for name in ("stiffness", "damping", "friction")}
+        numbers = {name: number(name, getattr(self, name), low=0.0) for name in ("stiffness", "damping", "friction")}
+        return numbers | {"touch": truth("touch", self.touch)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,6 +160,7 @@ class Jello(Checked):
     density: float | None = None
     damping_ratio: float | None = None
     pin: Sequence[Pin] = ()
+    self_contact: bool = False
     x: Any = None
     v: Any = None
     region: Sequence[Region] = ()
@@ -179,6 +183,7 @@ class Jello(Checked):
                 "springs": tuple(word("springs", family, FAMILIES) for family in self.springs),
                 "stiffness": by_family("stiffness", self.stiffness),
                 "damping": by_family("damping", self.damping),
+                "self_contact": truth("self_contact", self.self_contact),
                 "x": None if self.x is None else vectors("x", self.x),
                 "v": None if self.v is None else vectors("v", self.v),
             }

@@ -1,6 +1,7 @@
 """The particle fields: one vector per particle, stored axis by axis so that neighbours lie side by side."""
 
 from dataclasses import dataclass, field
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ import taichi as ti
 from taichi_jello import runtime
 
 LANES = 32  # particles in one block; a block's mask in the gather table is one 32-bit word
+# Below this many particles one thread that never waits is as quick as several that wait for each other at every stage.
+ALONE = 3000
 
 
 @ti.data_oriented
@@ -63,13 +66,17 @@ class Memory:
             self.tables.append((made, values.astype(self.number)))
         return made
 
+    def zeros(self, owner: str, name: str, shape: tuple[int, ...], *, whole: bool = False) -> ti.Field:
+        """A field of zeros: (n,) numbers or (n, k) vectors; whole ones, or floats in this precision."""
+        self.fields.append((owner, name, prod(shape) * (np.int32 if whole else self.number)().itemsize))
+        kind = int if whole else float
+        return ti.Vector.field(shape[1], kind, shape[0]) if len(shape) == 2 else ti.field(kind, shape[0])
+
     def table(self, owner: str, name: str, values: np.ndarray) -> ti.Field:
         """A field for the values of a NumPy array: (n,) numbers or (n, k) vectors, floats in this precision."""
-        kind, number = (int, np.int32) if values.dtype.kind in "iu" else (float, self.number)
+        number = np.int32 if values.dtype.kind in "iu" else self.number
         values = values.astype(number)
-        self.fields.append((owner, name, values.nbytes))
-        vectors = values.ndim == 2
-        made = ti.Vector.field(values.shape[1], kind, len(values)) if vectors else ti.field(kind, len(values))
+        made = self.zeros(owner, name, values.shape, whole=number is np.int32)
         self.tables.append((made, values))
         return made
 

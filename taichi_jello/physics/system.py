@@ -15,12 +15,10 @@ from taichi_jello.physics.forces.springs import Springs
 from taichi_jello.physics.gather import reach
 from taichi_jello.physics.integrators import scheme
 from taichi_jello.physics.particles import Particles
-from taichi_jello.physics.state import Memory, State
+from taichi_jello.physics.state import ALONE, Memory, State
 from taichi_jello.plugins import classes
 from taichi_jello.scene import Scene
 
-# Below this many particles one thread that never waits is as quick as several that wait for each other at every stage.
-ALONE = 3000
 ENERGIES = ("kinetic", "elastic", "gravity", "contact")
 
 
@@ -57,10 +55,14 @@ class System:
         self.springs_first = any(isinstance(force, Springs) for force in passes)
         self.one_by_one = tuple(force for force in self.all_forces if not force.in_passes)
         self.prepared = tuple(force for force in self.all_forces if force.prepares)
+        self.tidied = tuple(force for force in self.prepared if force.tidies)
+        self.watched = tuple(force for force in self.all_forces if force.watches)
         self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
         self.integrator = Scheme(self.memory, self.state, damped=any(f.reads_velocity for f in self.all_forces))
         if self.team > 1:
             self.arrivals = ti.field(ti.i64, 1)  # how often threads came to wait_for_team, ever
+        if self.watched:
+            self.reached = self.memory.table("clock", "steps done", np.zeros(1, np.int32))
         self.memory.fill()
         self.changes = Changes(scene, body, list(self.all_forces))
         self.drag = scene.drag
@@ -101,12 +103,12 @@ class System:
         (Everywhere in the step `f[i] = f[i] + …`, since Taichi makes `f[i] += …` an atomic addition in a parallel
         loop: measured, it halves the speed.)"""
         self.wait_for_team()  # until x and v of all particles are there
+        if ti.static(self.integrator.solves and len(self.tidied) > 0):
+            self._tidy_up(first, last)  # not sooner: the solve asks forces how they stiffen it
+            self.wait_for_team()
         if ti.static(len(self.prepared) > 0):
             for force in ti.static(self.prepared):
-                if ti.static(self.team > 1):
-                    force.prepare(self._share(first, force.points), self._share(last, force.points), x, v, t)
-                else:
-                    force.prepare(0, force.points, x, v, t)
+                force.prepare(self._share(first, force.points), self._share(last, force.points), x, v, t)
             self.wait_for_team()  # until what the forces prepare is there
         for p in range(first // self.lanes, (last + self.lanes - 1) // self.lanes):
             start = p * self.lanes
@@ -122,6 +124,13 @@ class System:
                     total += force.on(i, x, v, t)
                 a[i] = total * self.particles.inverse_mass(i)
         self.wait_for_team()  # until nobody needs x and v any more
+        if ti.static(not self.integrator.solves):
+            self._tidy_up(first, last)
+
+    @ti.func
+    def _tidy_up(self, first, last):
+        for force in ti.static(self.tidied):
+            force.tidy(self._share(first, force.points), self._share(last, force.points))
 
     @ti.func
     def _share(self, particle, points):
@@ -139,6 +148,8 @@ class System:
 
     @ti.kernel
     def _team_steps(self, start: int, stop: int, dt: float):
+        if ti.static(len(self.watched) > 0):
+            self.reached[0] = start
         if ti.static(self.team == 1):
             ti.loop_config(serialize=True)
         else:
@@ -149,14 +160,54 @@ class System:
             if ti.static(self.integrator.has_begin):
                 self.integrator.begin(self, first, last, start * dt)
             for step in range(start, stop):
-                for s in range(self.integrator.stages):
-                    self.integrator.stage(self, first, last, s, step * dt, dt)
-                    if ti.static(self.integrator.solves):
-                        while self.integrator.solver.mode[0] != 0:
-                            for kind in ti.static(self.integrator.solver.kinds):
-                                if self.integrator.solver.mode[0] == kind:
-                                    self.integrator.solver.turn(kind, self, first, last)
-                self.integrator.finish(self, first, last, step * dt, dt)
+                if ti.static(len(self.watched) > 0):
+                    self._watch(first, last, dt)
+                    self.wait_for_team()
+                    if not self._stale():
+                        self._one_step(first, last, step, dt)
+                else:
+                    self._one_step(first, last, step, dt)
+
+    @ti.func
+    def _one_step(self, first, last, step, dt):
+        for s in range(self.integrator.stages):
+            self.integrator.stage(self, first, last, s, step * dt, dt)
+            if ti.static(self.integrator.solves):
+                while self.integrator.solver.mode[0] != 0:
+                    for kind in ti.static(self.integrator.solver.kinds):
+                        if self.integrator.solver.mode[0] == kind:
+                            self.integrator.solver.turn(kind, self, first, last)
+        self.integrator.finish(self, first, last, step * dt, dt)
+        if ti.static(len(self.watched) > 0):  # noqa: SIM102
+            if first == 0:
+                self.reached[0] = step + 1
+
+    @ti.func
+    def _watch(self, first, last, dt):
+        for force in ti.static(self.watched):
+            force.watch(first, last, self.state.x, self.state.v, dt)
+
+    @ti.func
+    def _stale(self):
+        """Whether what a force keeps by itself for many steps may be wrong in the next one."""
+        stale = 0
+        for force in ti.static(self.watched):
+            stale = stale | force.stale()
+        return stale
+
+    @ti.kernel
+    def _parallel_watch(self, step: int, dt: float):
+        if not self._stale():
+            self.reached[0] = step
+        self._watch(0, self.count, dt)
+
+    @ti.kernel
+    def _is_stale(self) -> int:
+        return self._stale()
+
+    @ti.kernel
+    def _reached(self) -> int:
+        return self.reached[0]
 
     @ti.kernel
     def _parallel_begin(self, t: float):
@@ -164,7 +215,11 @@ class System:
 
     @ti.kernel
     def _parallel_stage(self, s: int, step: int, dt: float):
-        self.integrator.stage(self, 0, self.count, s, step * dt, dt)
+        if ti.static(len(self.watched) > 0):
+            last = ti.select(self._stale(), 0, self.count)  # then these loops do nothing
+            self.integrator.stage(self, 0, last, s, step * dt, dt)
+        else:
+            self.integrator.stage(self, 0, self.count, s, step * dt, dt)
 
     @ti.kernel
     def _parallel_turn(self, kind: ti.template()):
@@ -176,19 +231,51 @@ class System:
 
     @ti.kernel
     def _parallel_last_stage(self, s: int, step: int, dt: float):
-        self.integrator.stage(self, 0, self.count, s, step * dt, dt)
-        self.integrator.finish(self, 0, self.count, step * dt, dt)
+        if ti.static(len(self.watched) > 0):
+            last = ti.select(self._stale(), 0, self.count)
+            self.integrator.stage(self, 0, last, s, step * dt, dt)
+            self.integrator.finish(self, 0, last, step * dt, dt)
+            if last > 0:
+                self.reached[0] = step + 1
+        else:
+            self.integrator.stage(self, 0, self.count, s, step * dt, dt)
+            self.integrator.finish(self, 0, self.count, step * dt, dt)
 
     def steps(self, first: int, last: int, dt: float) -> None:
         """Substeps `first` to `last` of the current frame, dt [s] each."""
         if self.integrator.solves:
             self.integrator.prepare(self, dt)
+        if not self.watched:
+            self._steps(first, last, dt)
+            return
+        while first < last:
+            self._refresh(dt)
+            self._steps(first, last, dt)
+            first = self._reached()
+            if first < last:
+                self._forget()
+
+    def _refresh(self, dt: float) -> None:
+        """Have forces bring up to date what they keep for many steps, where they do not know that it is."""
+        if not all(force.fresh for force in self.watched):
+            now = np.empty_like(self._good)
+            self._read(now)
+            for force in self.watched:
+                force.refresh(now[:, :3], now[:, 3:], self.state.x, dt)
+
+    def _forget(self) -> None:
+        for force in self.watched:
+            force.forget()
+
+    def _steps(self, first: int, last: int, dt: float) -> None:
         if self.team:
             self._team_steps(first, last, dt)
             return
         if self.integrator.has_begin:
             self._parallel_begin(first * dt)
         for step in range(first, last):
+            if self.watched:
+                self._parallel_watch(step, dt)
             if self.integrator.solves:
                 self._parallel_solves(step, dt)
                 continue
@@ -198,21 +285,27 @@ class System:
 
     def _parallel_solves(self, step: int, dt: float) -> None:
         """One step of a scheme that solves: every turn of the solver is a kernel of its own."""
+        if self.watched and self._is_stale():
+            return
         for s in range(self.integrator.stages):
             self._parallel_stage(s, step, dt)
             while mode := self.integrator.solver.mode[0]:
                 self._parallel_turn(mode)
         self._parallel_finish(step * dt, dt)
+        if self.watched:
+            self.reached[0] = step + 1
 
     def begin_frame(self, start: float, end: float) -> None:
         self.changes.begin(start, self._good[:, :3])
         for force in self.all_forces:
             force.begin_frame(start, end)
+        self._refresh(end - start)
 
     def write(self, x: np.ndarray, v: np.ndarray) -> None:
         """Set the state, (N, 3) each, and remember it as good."""
         self._good = np.hstack([x, v]).astype(self.memory.number)
         self._write(self._good)
+        self._forget()
 
     @ti.kernel
     def _write(self, values: ti.types.ndarray()):
@@ -243,9 +336,19 @@ class System:
             bad = np.flatnonzero(~np.isfinite(values).all(1))
             if len(bad):
                 self._write(self._good)
+                self._forget()
                 return int(bad[0])
         self._good = values
         return None
+
+    @ti.kernel
+    def _prepare(self, t: float):
+        for force in ti.static(self.prepared):
+            force.prepare(0, force.points, self.state.x, self.state.v, t)
+
+    @ti.kernel
+    def _tidy(self):
+        self._tidy_up(0, self.count)
 
     @ti.kernel
     def _energy_shares(self, t: float, out: ti.types.ndarray()):
@@ -260,5 +363,11 @@ class System:
         """Kinetic, elastic, gravity and contact energy [J] `t` seconds after the current frame began, summed over the
         particles in float64."""
         shares = np.zeros((self.count, len(ENERGIES)), self.memory.number)
+        if self.tidied:
+            self._tidy()
+        if self.prepared:
+            self._prepare(t)
         self._energy_shares(t, shares)
+        if self.tidied:
+            self._tidy()
         return dict(zip(ENERGIES, shares.sum(0, dtype=np.float64).tolist(), strict=True))

@@ -30,7 +30,8 @@ class ParticleForce:
 
     With `prepares` it also defines `points`, a whole number, and `@ti.func prepare(self, first, last, x, v, t)`, one
     loop over its own points first … last - 1, each of which writes to its own place only. The members of a team
-    share the points, and all of them are done before any force on a particle is asked for.
+    share the points, and all of them are done before any force on a particle is asked for. With `tidies` it defines
+    `@ti.func tidy(self, first, last)` too, done for these points when all forces have been asked for.
 
     For implicit steps of length c [s] it also offers how it stiffens the step, -∂f/∂x - ∂f/∂v / c, made symmetric and
     never negative: with `has_curvature`, `@ti.func curvature(self, i, x, v, t, c)`, the 3×3 block [N/m] of particle i,
@@ -38,6 +39,12 @@ class ParticleForce:
     p, c, q)`, which adds its product with the displacements p to q, and `pairs(c)`, the particles (i, j) that it ties
     together and the most that it stiffens each pair by. A force with neither still acts at the end of the step, but
     the solve does not see it coming.
+
+    With `watches` it keeps something for many steps that is right as long as the particles have not moved too far. It
+    defines `fresh`, whether it is right to its knowledge; `forget()`, after which it is not; `refresh(x, v, positions,
+    dt)`, which brings it up to date for particles at x (N, 3) [m] (in the field `positions` too) that move at v (N, 3)
+    [m/s]; `@ti.func watch(self, first, last, x, v, dt)`, which before each step looks whether the particles first …
+    last - 1 may move too far in it; and `@ti.func stale(self)`, whether any may: then the step has to wait.
     """
 
     title: ClassVar[str]
@@ -45,10 +52,18 @@ class ParticleForce:
     reads_velocity: bool = False
     in_passes: bool = False
     prepares: bool = False
+    tidies: bool = False
+    watches: bool = False
     points: int = 0
     has_curvature: bool = False
     couples: bool = False
+    fresh: bool = True
     prepare: Any
+    tidy: Any
+    refresh: Any
+    forget: Any
+    watch: Any
+    stale: Any
 
     @classmethod
     def made_for(cls, scene: Scene, particles: Particles) -> list[Any]:

@@ -1,0 +1,326 @@
+"""Contact of jellos with each other and with themselves: penalty springs with dashpot and friction, equal and opposite.
+
+A point of one jello that is inside a cell of another is pulled to the nearest of the triangles by which that cell is
+left through the undeformed body (the idea of McAdams et al. 2011, "Efficient elasticity for character skinning", 5),
+so that a point deep inside leaves by the nearest face however the body is crushed. Sheets and ropes have no inside:
+points keep a radius away from their triangles and segments. What a point feels, the triangle's corners feel the other
+way, shared by the place that is touched.
+"""
+
+from dataclasses import replace
+from math import hypot, sqrt
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.physics.forces._base import ParticleForce, Rates
+from taichi_jello.physics.forces.contact import pressure, rub
+from taichi_jello.physics.neighbours import Neighbours
+from taichi_jello.physics.touching import Touching
+
+AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and left out
+SLOTS = 12  # contacts of a point that are listed; if it has more, all contacts are looked through
+UNIT = 1024  # a whole contact in the count of what presses on a point, in which a corner has its share
+FAR, TINY = 1e30, 1e-9  # m
+SAME = 0.5  # the cosine above which a face faces as the point does that would leave by it
+LOAD = 2  # whole contacts that press on one point with full stiffness: its own and one that it is a corner of
+
+
+@ti.func
+def nearest(p, a, b, c):
+    """The weights of the corners a, b, c in the point of their triangle that is nearest to p; of a segment if b = c
+    (Ericson, Real-Time Collision Detection, 5.1.5)."""
+    ab, ac, ap, bp, cp = b - a, c - a, p - a, p - b, p - c
+    d1, d2, d3, d4, d5, d6 = ab.dot(ap), ac.dot(ap), ab.dot(bp), ac.dot(bp), ab.dot(cp), ac.dot(cp)
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    w1, w2 = ti.cast(0.0, float), ti.cast(0.0, float)
+    if d1 <= 0.0 and d2 <= 0.0:
+        pass
+    elif d3 >= 0.0 and d4 <= d3:
+        w1 = 1.0
+    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        w1 = d1 / (d1 - d3)
+    elif d6 >= 0.0 and d5 <= d6:
+        w2 = 1.0
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        w2 = d2 / (d2 - d6)
+    elif va <= 0.0 and d4 >= d3 and d5 >= d6:
+        w2 = (d4 - d3) / (d4 - d3 + d5 - d6)
+        w1 = 1.0 - w2
+    else:
+        w1, w2 = vb / (va + vb + vc), vc / (va + vb + vc)
+    return ti.Vector([1.0 - w1 - w2, w1, w2])
+
+
+@ti.func
+def holds(d, a, b, g):
+    """Whether the tetrahedron with edges a, b, g from one corner holds the point d from there, either way round."""
+    normal = b.cross(g)
+    volume = a.dot(normal)
+    side = ti.select(volume < 0.0, -1.0, 1.0)
+    u, v, w = d.dot(normal) * side, a.dot(d.cross(g)) * side, a.dot(b.cross(d)) * side
+    return volume != 0.0 and u >= 0.0 and v >= 0.0 and w >= 0.0 and u + v + w <= ti.abs(volume)
+
+
+@ti.data_oriented
+class Touch(ParticleForce):
+    title = "touch"
+    energy_kind = "contact"
+    reads_velocity = True
+    prepares = tidies = watches = True
+
+    def __init__(self, scene, particles, itself):
+        body, memory = particles.body, particles.memory
+        self.particles, self.contact, self.number = particles, scene.contact, memory.number
+        touching = Touching.of(body)
+        self.near = Neighbours(self.title, body, memory, touching, scene.contact.touch, itself)
+        self.points, self.solid = len(touching.points), touching.solid
+        self.has_solid, self.has_thin = touching.solid > 0, touching.solid < len(touching.nodes)
+        self.rubs, self.frame_dt = scene.contact.friction > 0.0, scene.solver.frame_dt
+
+        def table(name, values):
+            return memory.table(self.title, name, values)
+
+        contacts, point_of = AT_ONCE * self.points, np.full(memory.padded, -1, np.int32)
+        point_of[touching.points] = np.arange(self.points)
+        self.law = table("law", np.array([self._law()]))
+        self.point_of = table("point of each particle", point_of)
+        if self.has_solid:
+            self.faces, self.exits = table("faces", touching.faces), table("exits of each cell", touching.exits)
+            self.way, self.inner = table("ways to them", touching.way), table("inner neighbours", touching.inner)
+            self.spacing = table("spacing", touching.spacing)
+        self.force = memory.zeros(self.title, "forces", (contacts, 3))
+        self.depth = memory.zeros(self.title, "depths", (contacts,))
+        self.corners = memory.zeros(self.title, "touched corners", (contacts, 3), whole=True)
+        self.weights = memory.zeros(self.title, "their weights", (contacts, 3))
+        self.own = memory.zeros(self.title, "contacts of each point", (self.points,), whole=True)
+        self.load = memory.zeros(self.title, "loads", (self.points,), whole=True)
+        self.listed = memory.zeros(self.title, "listed contacts", (self.points,), whole=True)
+        self.list = memory.zeros(self.title, "lists", (self.points * SLOTS,), whole=True)
+
+    @classmethod
+    def made_for(cls, scene, particles):
+        itself = np.array([jello.self_contact for jello in scene.jello])
+        meets = itself.any() or (len(scene.jello) > 1 and scene.contact.touch)
+        return [cls(scene, particles, itself)] if meets and scene.contact.stiffness > 0.0 else []
+
+    @property
+    def grip(self):
+        """The viscous part of friction [N·s/m], as in contact with colliders."""
+        return sqrt(self.contact.stiffness * float(self.particles.body.mass.min()))
+
+    def _law(self):
+        return self.contact.stiffness, self.contact.damping, self.contact.friction, self.grip
+
+    def tuning(self):
+        numbers = {"contact_stiffness": self.contact.stiffness, "contact_damping": self.contact.damping}
+        return numbers | ({"friction": self.contact.friction} if self.rubs else {})
+
+    def tune(self, name, value):
+        self.contact = replace(self.contact, **{name.removeprefix("contact_"): float(value)})
+        self.law.from_numpy(np.array([self._law()], self.number))
+
+    def rates(self):
+        """Row i of M⁻¹K sums to at most 2/m k Σ|g|, g its weight in each contact, and no load Σ|g| counts for more
+        than LOAD; the same holds for the dashpots. Friction as in contact with colliders."""
+        k, c = self.contact.stiffness, self.contact.damping
+        most = 2.0 * LOAD / float(self.particles.body.mass.min())
+        return Rates(
+            squared_frequency=most * k * hypot(1.0, self.contact.friction),
+            damping=most * max(c, self.grip if self.rubs else 0.0),
+            damping_time=c / k if k > 0.0 else np.inf,
+        )
+
+    @ti.func
+    def holds_point(self, e, p, x):
+        """Whether cell e, cut into six tetrahedra around its diagonal, holds the point p."""
+        nodes = self.near.nodes[e]
+        low = x[nodes[0]]
+        high = low
+        for k in ti.static(range(1, 8)):
+            low, high = ti.min(low, x[nodes[k]]), ti.max(high, x[nodes[k]])
+        inside = False
+        if (p >= low).all() and (p <= high).all():
+            a = x[nodes[0]]
+            for k in range(6):  # along one axis from corner 0, then along another: the six ways to corner 7
+                if not inside:
+                    b = x[self.near.nodes[e][1 << (k >> 1)]]
+                    c = x[self.near.nodes[e][7 - (1 << ((k >> 1) + 1 + (k & 1)) % 3)]]
+                    inside = holds(p - a, b - a, c - a, x[nodes[7]] - a)
+        return inside
+
+    @ti.func
+    def prepare(self, first, last, x, v, t):
+        """The contacts of the points first … last - 1: with each other jello the first of its cells that holds the
+        point, or the nearest of its triangles and segments within reach."""
+        for q in range(first, last):
+            p = x[self.near.points[q]]
+            met, jello, solid, best = 0, -1, False, ti.cast(FAR, float)
+            corners, weights = ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
+            end = self.near.start[q + 1]
+            for k in range(self.near.start[q], end + 1):  # one more than listed, to end with the last jello
+                e, other = 0, -1
+                if k < end:
+                    e = self.near.found[k]
+                    other = self.near.jello[self.near.nodes[e][0]]
+                if other != jello:
+                    if best < FAR and met < AT_ONCE:
+                        self.press(q, met, corners, weights, best, solid, x, v)
+                        met += 1
+                    jello, solid, best = other, e < self.solid, FAR
+                if ti.static(self.has_solid):  # noqa: SIM102
+                    if k < end and solid and best == FAR:  # noqa: SIM102
+                        if self.holds_point(e, p, x):
+                            best, corners, weights = self.leave(e, p, p - x[self.inner[q]], x)
+                if ti.static(self.has_thin):  # noqa: SIM102
+                    if k < end and not solid:
+                        nodes = self.near.nodes[e]
+                        own = ti.Vector([self.point_of[nodes[0]], self.point_of[nodes[1]], self.point_of[nodes[2]]])
+                        best, corners, weights = self.nearer(p, own, best, corners, weights, x)
+            self.own[q] = met
+
+    @ti.func
+    def leave(self, e, p, out, x):
+        """How the point p of a surface that faces `out` leaves cell e: by the nearest face, of those by the shortest
+        ways through the undeformed body that do not face as the point itself does. (Without this two jellos that
+        overlap by half would crawl round each other, each leaving by the other's sides.)"""
+        a = x[self.near.nodes[e][0]]
+        same, least = 0, ti.cast(FAR, float)
+        for k in range(6):
+            axis = (x[self.near.nodes[e][4 >> (k >> 1)]] - a) * (2.0 * (k & 1) - 1.0)
+            if axis.dot(out) > SAME * axis.norm() * out.norm():
+                same |= 1 << k
+            else:
+                least = ti.min(least, self.way[e][k])
+        least += self.spacing[self.near.jello[self.near.nodes[e][0]]]
+        best, corners, weights = ti.cast(FAR, float), ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
+        for k in range(12):  # both triangles of each face
+            if (same >> (k >> 1)) & 1 == 0 and self.way[e][k >> 1] <= least:
+                face = self.faces[self.exits[e][k >> 1]]
+                triangle = ti.Vector([face[0], ti.select(k & 1, face[2], face[1]), face[3]])
+                best, corners, weights = self.nearer(p, triangle, best, corners, weights, x)
+        return best, corners, weights
+
+    @ti.func
+    def nearer(self, p, triangle, best, corners, weights, x):
+        """The nearest place so far: its distance from p, its triangle's corners and their weights."""
+        a, b, c = x[self.near.points[triangle[0]]], x[self.near.points[triangle[1]]], x[self.near.points[triangle[2]]]
+        w = nearest(p, a, b, c)
+        distance = (w[0] * a + w[1] * b + w[2] * c - p).norm()
+        less = distance < best
+        return ti.min(distance, best), ti.select(less, triangle, corners), ti.select(less, w, weights)
+
+    @ti.func
+    def press(self, q, number, corners, weights, distance, solid, x, v):
+        """Write down contact `number` of point q, which is `distance` [m] from the place on a surface that it touches:
+        inside a solid, or outside a thin body."""
+        i = self.near.points[q]
+        place, speed = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+        for k in ti.static(range(3)):
+            place += weights[k] * x[self.near.points[corners[k]]]
+            speed += weights[k] * v[self.near.points[corners[k]]]
+        out = ti.select(solid, place - x[i], x[i] - place)
+        a, b, c = x[self.near.points[corners[0]]], x[self.near.points[corners[1]]], x[self.near.points[corners[2]]]
+        flat = (b - a).cross(c - a)
+        if distance < TINY:
+            out = flat
+        n = out / ti.max(out.norm(), 1e-30)
+        depth = ti.cast(distance, float)
+        if not solid:
+            depth = (
+                self.near.radius[self.near.jello[i]]
+                + self.near.radius[self.near.jello[self.near.points[corners[0]]]]
+                - distance
+            )
+        contact, law, slide = q * AT_ONCE + number, self.law[0], v[i] - speed
+        force = ti.Vector([0.0, 0.0, 0.0])
+        if depth > 0.0:
+            outwards = slide.dot(n)
+            pressed = pressure(depth, outwards, law[0], law[1])
+            force = pressed * n
+            if ti.static(self.rubs):
+                force += rub(pressed, slide - outwards * n, law[2], law[3])
+            self.note(contact, q, 1.0)
+            for k in ti.static(range(3)):
+                if weights[k] > 0.0:
+                    self.note(contact, corners[k], weights[k])
+        self.force[contact], self.depth[contact] = force, ti.max(depth, 0.0)
+        self.corners[contact], self.weights[contact] = corners, weights
+
+    @ti.func
+    def note(self, contact, q, weight):
+        """List a contact with point q, on which it presses with its weight."""
+        ti.atomic_add(self.load[q], int(UNIT * weight + 0.5))
+        place = ti.atomic_add(self.listed[q], 1)
+        if place < SLOTS:
+            self.list[q * SLOTS + place] = contact
+
+    @ti.func
+    def tidy(self, first, last):
+        for q in range(first, last):
+            self.load[q], self.listed[q] = 0, 0
+
+    @ti.func
+    def share(self, contact):
+        """What a contact counts for: less where more press on one of its points than may with full stiffness."""
+        most = ti.max(self.load[contact // AT_ONCE], LOAD * UNIT)
+        for k in ti.static(range(3)):
+            if self.weights[contact][k] > 0.0:
+                most = ti.max(most, self.load[self.corners[contact][k]])
+        return float(LOAD * UNIT) / most
+
+    @ti.func
+    def on(self, i, x, v, t):
+        """Contacts were listed in any order; they are added in that of their numbers."""
+        force, q = ti.Vector([0.0, 0.0, 0.0]), self.point_of[i]
+        if q >= 0:
+            listed = self.listed[q]
+            before, rounds = -1, listed
+            if listed > SLOTS:
+                rounds = AT_ONCE * self.points
+            for r in range(rounds):
+                contact = r
+                if listed <= SLOTS:
+                    contact = AT_ONCE * self.points
+                    for place in range(q * SLOTS, q * SLOTS + listed):
+                        if before < self.list[place] < contact:
+                            contact = self.list[place]
+                    before = contact
+                if contact % AT_ONCE < self.own[contact // AT_ONCE]:
+                    g = ti.cast(0.0, float)
+                    if contact // AT_ONCE == q:
+                        g += 1.0
+                    for k in ti.static(range(3)):
+                        if self.corners[contact][k] == q:
+                            g -= self.weights[contact][k]
+                    if g != 0.0:
+                        force += g * self.share(contact) * self.force[contact]
+        return force
+
+    @ti.func
+    def energy(self, i, x, t):
+        """½ k depth² of the contacts of the point itself; k as much as they count for."""
+        total, q = ti.cast(0.0, float), self.point_of[i]
+        if q >= 0:
+            for contact in range(q * AT_ONCE, q * AT_ONCE + self.own[q]):
+                depth = self.depth[contact]
+                total += 0.5 * self.law[0][0] * self.share(contact) * depth * depth
+        return total
+
+    def refresh(self, x, v, positions, dt):
+        self.near.refresh(x, v, positions, dt, self.frame_dt)
+
+    @property
+    def fresh(self):
+        return self.near.fresh
+
+    def forget(self):
+        self.near.fresh = False
+
+    @ti.func
+    def watch(self, first, last, x, v, dt):
+        self.near.watch(first, last, x, v, dt)
+
+    @ti.func
+    def stale(self):
+        return self.near.state[0]

@@ -1,0 +1,201 @@
+"""Contact of jellos with each other: equal and opposite, at rest, at speed, from deep inside; thin ones; themselves."""
+
+import numpy as np
+import pytest
+
+from taichi_jello import Ball, Box, Contact, Pin, Plane, Rope, Scene, SceneError, Sheet, Simulation, Snapshot, runtime
+from taichi_jello.body import join
+from taichi_jello.explain import facts
+from taichi_jello.physics import neighbours
+from taichi_jello.physics.forces.touch import Touch
+from taichi_jello.physics.touching import inner_neighbours, ways_out
+
+WEIGHTLESS = {"gravity": (0.0, 0.0, 0.0)}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi(request):
+    """In f32: the figures for drift are for it."""
+    runtime.start(request.config.getoption("--arch"), "f32")
+
+
+def cube(*position, points=4, **options):
+    return Box(points=(points,) * 3, position=position, **options)
+
+
+def middles(simulation):
+    return [simulation.x[simulation.body.jello == j].mean(0) for j in range(len(simulation.scene.jello))]
+
+
+def momentum(simulation):
+    return (simulation.body.mass[:, None] * simulation.v.astype(np.float64)).sum(0)
+
+
+@pytest.fixture(scope="module")
+def crash():
+    """Two cubes that hit each other askew in free space, and their simulation."""
+    jello = [cube(0.0, 0.0, 0.0, velocity=(1.5, 0.0, 0.0)),
+             cube(1.2, 0.2, 0.3, rotation=(10, 20, 30), velocity=(-1.5, 0.0, 0.0), spin=(0.0, 1.0, 0.0))]  # fmt: skip
+    return Simulation(Scene(**WEIGHTLESS, jello=jello), method="rk4")
+
+
+def test_momentum_of_two_jellos_that_collide_does_not_drift(crash):
+    crash.reset()
+    before, total = momentum(crash), np.sum(crash.body.mass[:, None] * np.abs(crash.v))
+    for _ in range(40):
+        crash.frame()
+        assert np.abs(momentum(crash) - before).max() <= 1e-6 * total
+    first, second = (crash.v[crash.body.jello == j].mean(0) for j in (0, 1))
+    assert first[0] < 0.0 < second[0]  # thrown back
+
+
+def test_the_same_bits_after_a_restore_and_with_other_lists(crash, monkeypatch):
+    crash.reset()
+    for _ in range(5):
+        crash.frame()
+    middle = crash.snapshot()
+    for _ in range(5):
+        crash.frame()
+    end = crash.snapshot()
+    touch = next(force for force in crash.system.all_forces if isinstance(force, Touch))
+    pairs = touch.near.state.to_numpy()[1]
+    for least, most in ((0.05, 0.5), (0.6, 2.0)):
+        monkeypatch.setattr(neighbours, "LEAST", least)
+        monkeypatch.setattr(neighbours, "MOST", most)
+        crash.restore(middle)
+        for _ in range(5):
+            crash.frame()
+        assert np.array_equal(crash.x, end.x) and np.array_equal(crash.v, end.v)
+    assert touch.near.state.to_numpy()[1] > pairs > 0  # the other lists were longer
+
+
+def test_the_list_holds_every_point_near_an_element(crash):
+    crash.reset()
+    for _ in range(8):
+        crash.frame()
+    crash.system.write(*crash.system.read())
+    crash.energies()
+    near = next(force for force in crash.system.all_forces if isinstance(force, Touch)).near
+    start, found, x = near.start.to_numpy(), near.found.to_numpy(), crash.x
+    margin = near.margin.to_numpy()
+    jello, corners = crash.body.jello, x[near.touching.nodes]
+    for q, i in enumerate(near.touching.points):
+        owner = jello[near.touching.nodes[:, 0]]
+        reach = (0.999 * (margin[jello[i]] + margin[owner]))[:, None]
+        inside = np.all((x[i] > corners.min(1) - reach) & (x[i] < corners.max(1) + reach), axis=1)
+        listed = found[start[q] : start[q + 1]]
+        assert np.all(np.diff(listed) > 0)
+        assert set(np.flatnonzero(inside & (owner != jello[i]))) <= set(listed)
+
+
+@pytest.mark.parametrize("shift", [(0.5, 0.0, 0.0), (0.5, 0.1, 0.13), (0.5, 0.5, 0.5)])
+def test_a_pair_that_overlaps_by_half_comes_apart(shift):
+    simulation = Simulation(Scene(**WEIGHTLESS, jello=[cube(0.0, 0.0, 0.0), cube(*shift)]))
+    simulation.advance(1.0)
+    first, second = middles(simulation)
+    assert np.linalg.norm(second - first) > np.sqrt(3.0)  # no part of one can be in the other
+    assert simulation.energies()["contact"] == 0.0
+
+
+@pytest.mark.parametrize("rotation", [(0, 0, 0), (10, 20, 30)])
+def test_a_jello_thrown_at_twenty_metres_a_second_does_not_pass(rotation):
+    thrown = cube(-1.6, 0.1, 0.13, rotation=rotation, velocity=(20.0, 0.0, 0.0))
+    simulation = Simulation(Scene(**WEIGHTLESS, jello=[cube(0.0, 0.0, 0.0), thrown]))
+    for _ in range(20):
+        simulation.frame()
+        still, moving = middles(simulation)
+        assert moving[0] < still[0] - 0.2
+    velocity = [simulation.v[simulation.body.jello == j, 0].mean() for j in (0, 1)]
+    assert velocity[0] > velocity[1] + 1.0  # apart again
+
+
+def test_a_stack_at_rest_has_no_gaps():
+    jello = [cube(0.0, 0.5, 0.0, stiffness=500.0), cube(0.1, 1.52, 0.05, rotation=(0, 20, 0), stiffness=500.0)]
+    simulation = Simulation(Scene(jello=jello, collider=[Plane()], contact=Contact(damping=2.0)))
+    simulation.advance(4.0)
+    assert simulation.energies()["kinetic"] < 1e-5
+    low, high = (simulation.x[simulation.body.jello == j] for j in (0, 1))
+    under, over = high.reshape(4, 4, 4, 3)[:, 0], low.reshape(4, 4, 4, 3)[:, -1]
+    inner = np.all(np.abs(under[..., [0, 2]] - over[..., [0, 2]].mean((0, 1))) < 0.4, axis=-1)
+    assert np.abs(under[inner, 1] - over[1:3, 1:3, 1].mean()).max() < 0.05 / 3  # of the spacing
+
+
+def test_forces_are_opposite_and_lead_downhill(forces):
+    """Without damping and friction the force is the slope of the energy: by differences on points that touch."""
+    jello = [cube(0.0, 0.0, 0.0, points=3, damping=0.0, stiffness=0.0),
+             cube(0.95, 0.3, 0.2, points=3, damping=0.0, stiffness=0.0, rotation=(20, 30, 40))]  # fmt: skip
+    simulation = Simulation(Scene(**WEIGHTLESS, jello=jello, contact=Contact(damping=0.0, friction=0.0)), substeps=1)
+    f, x = forces(simulation), simulation.x
+    assert np.abs(f.sum(0)).max() < 1e-5 * np.abs(f).sum()
+    assert np.abs(np.cross(x, f).sum(0)).max() < 1e-5 * np.abs(f).sum()
+    step = 1e-3
+    for i in np.argsort(-np.linalg.norm(f, axis=1))[:6]:
+        energy = []
+        for sign in (1.0, -1.0):
+            moved = x.copy()
+            moved[i] += sign * step * f[i] / np.linalg.norm(f[i])
+            simulation.restore(Snapshot(0.0, moved, np.zeros_like(x)))
+            energy.append(simulation.energies()["contact"])
+        assert (energy[1] - energy[0]) / (2.0 * step) == pytest.approx(np.linalg.norm(f[i]), rel=0.02)
+
+
+def test_a_cube_lies_on_a_sheet_and_ropes_hold_each_other():
+    pinned = {"pin": [Pin(max=(0.0, 1.0, 1.0)), Pin(min=(1.0, 0.0, 0.0))]}
+    sheet = Sheet(points=(9, 7), size=(1.6, 1.2), stiffness=100.0, **pinned)
+    light = cube(0.0, 0.4, 0.0, mass=0.3, size=(0.5, 0.5, 0.5))
+    across = Rope(points=9, length=1.6, position=(0.0, 0.5, 1.5), stiffness=100.0, mass=0.3, **pinned)
+    falls = Rope(points=9, length=1.2, position=(0.03, 0.7, 1.5), rotation=(0, 90, 0), mass=0.05)
+    simulation = Simulation(Scene(jello=[sheet, light, across, falls], contact=Contact(friction=0.9)))
+    simulation.advance(1.5)
+    sheet_x, cube_x, across_x, falls_x = (simulation.x[simulation.body.jello == j] for j in range(4))
+    assert sheet_x[:, 1].min() < -0.05 and abs(cube_x[:, 1].mean() - sheet_x[:, 1].min() - 0.25) < 0.1
+    assert falls_x[4, 1] > across_x[4, 1]
+
+
+def test_a_folded_rope_feels_itself_only_where_it_is_asked_to():
+    def arms_apart(self_contact):
+        rope = Rope(points=12, length=1.1, stiffness=20.0, springs=("structural",), self_contact=self_contact)
+        simulation = Simulation(Scene(**WEIGHTLESS, jello=[rope]))
+        x = simulation.x.copy()
+        x[6:] = x[5::-1] + [0.0, 0.02, 0.0]  # lies on its first half
+        simulation.restore(Snapshot(0.0, x, np.zeros_like(x)))
+        simulation.advance(0.3)
+        return np.linalg.norm(simulation.x[0] - simulation.x[-1])
+
+    assert arms_apart(False) < 0.05
+    assert arms_apart(True) > 0.1
+
+
+def test_touch_is_compiled_only_where_jellos_may_touch():
+    two = [cube(0.0, 0.0, 0.0), cube(2.0, 0.0, 0.0)]
+    for jello, contact, there in (
+        (two, Contact(), True),
+        (two[:1], Contact(), False),
+        (two, Contact(touch=False), False),
+        (two, Contact(stiffness=0.0), False),
+        ([cube(0.0, 0.0, 0.0, self_contact=True)], Contact(), True),
+    ):
+        told = facts(Simulation(Scene(**WEIGHTLESS, jello=jello, contact=contact)))
+        assert ("touch" in told["compiled_in"]) == ("touch" in told["fields"]) == there
+        assert ("touch" in told["left_out"]) != there
+
+
+def test_wrong_values_are_named():
+    with pytest.raises(SceneError, match="touch: expected true or false, got 1"):
+        Contact(touch=1)
+    with pytest.raises(SceneError, match="self_contact: expected true or false, got 'yes'"):
+        cube(0.0, 0.0, 0.0, self_contact="yes")
+
+
+def test_ways_out_are_straight_and_inner_neighbours_opposite():
+    body = join([Box(points=(4, 5, 6), size=(3.0, 4.0, 5.0)).body(), Ball(resolution=6).body()])
+    faces, exits, way = ways_out(body.rest, body.cells)
+    middle = body.rest[body.cells].mean(1)
+    for side in range(6):
+        step = body.rest[faces[exits[:, side]]].mean(1) - middle
+        along = step[:, side // 2] * (1 if side % 2 else -1)
+        assert np.allclose(along, way[:, side]) and np.all(along > 0.0)
+        assert np.allclose(np.delete(step, side // 2, 1), 0.0)
+    box = inner_neighbours(body.rest, body.cells)[:120].reshape(4, 5, 6)
+    index = np.arange(120).reshape(4, 5, 6)
+    assert box[0, 0, 0] == index[1, 1, 1] and box[3, 2, 3] == index[2, 2, 3] and box[3, 4, 2] == index[2, 3, 2]
