@@ -91,9 +91,9 @@ def ways_out(rest: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarra
     is_open = count[which] == 1
     order = np.argsort(which, kind="stable")
     pair = order[~is_open[order]].reshape(-1, 2)
-    across = np.full(len(corners), -1)
-    across[pair], across[pair[:, ::-1]] = pair[:, ::-1] // 6, pair // 6
-    across = across.reshape(-1, 6)
+    across = np.full(6 * len(cells), -1)
+    across[pair] = pair[:, ::-1] // 6
+    beyond_face = across.reshape(-1, 6)
     middle = rest[cells].mean(1)
     exits = np.where(is_open, np.cumsum(is_open) - 1, -1).reshape(-1, 6).astype(np.int32)
     length = np.where(exits >= 0, np.linalg.norm(rest[cells[:, FACES]].mean(2) - middle[:, None], axis=2), np.inf)
@@ -101,7 +101,7 @@ def ways_out(rest: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarra
         closed = exits < 0
         if not closed.any():
             break
-        beyond = np.where(closed, across, 0)
+        beyond = np.where(closed, beyond_face, 0)
         side = np.broadcast_to(np.arange(6), beyond.shape)
         step = np.linalg.norm(middle[beyond] - middle[:, None], axis=2)
         exits = np.where(closed, exits[beyond, side], exits)

@@ -12,7 +12,7 @@ from taichi_jello.physics.integrators import schemes
 SCENE = Scene(
     jello=[
         Box(points=(5, 6, 7), position=(0.0, 0.9, 0.0), rotation=(10.0, 20.0, 30.0)),
-        Box(position=(0.5, 1.9, 0.1)),
+        Box(points=(5, 5, 5), position=(0.5, 1.9, 0.1)),
     ],
     collider=[
         Plane(),
@@ -23,7 +23,7 @@ SCENE = Scene(
 )
 
 
-def final_state(arch, precision, threads, frames=6, **form):
+def final_state(arch, precision, threads, frames=2, **form):
     runtime.start(arch, precision, threads)
     simulation = Simulation(SCENE, substeps=60, **form)
     simulation.step(60 * frames)
