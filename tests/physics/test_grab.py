@@ -22,7 +22,9 @@ def test_a_held_weight_hangs_below_the_hand_by_its_weight(epsilon):
 
 def test_a_single_particle_follows_critically_damped(epsilon):
     """x'' = -ω²(x - d) - 2ωx' from rest: x = d (1 - (1 + ωt) e^(-ωt)); the hand jumps before the first frame."""
-    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[Box(points=(1, 1, 1))], force=[Grab(stiffness=400.0, limit=1e3)])
+    scene = Scene(
+        gravity=(0.0, 0.0, 0.0), jello=[Box(points=(1, 1, 1))], force=[Grab(stiffness=400.0, limit=1e3, calm=0.0)]
+    )
     simulation = Simulation(scene, dt=1e-4)
     simulation.grab([0], [1.0], (0.1, 0.0, 0.0))
     for _ in range(12):
@@ -33,7 +35,9 @@ def test_a_single_particle_follows_critically_damped(epsilon):
 
 
 def test_the_pull_is_shared_by_weight_and_limited():
-    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[Box(points=(2, 2, 2))], force=[Grab(stiffness=100.0, limit=3.0)])
+    scene = Scene(
+        gravity=(0.0, 0.0, 0.0), jello=[Box(points=(2, 2, 2))], force=[Grab(stiffness=100.0, limit=3.0, calm=0.0)]
+    )
     simulation = Simulation(scene, substeps=200)
     weights = np.array([0.5, 0.3, 0.2])
     simulation.grab([0, 1, 2], weights, weights @ simulation.x[:3] + [0.0, 50.0, 0.0])

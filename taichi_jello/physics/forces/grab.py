@@ -11,21 +11,25 @@ from taichi_jello.scene import Force, Scene, number
 
 FIRMNESS = 2.0  # of the hand's spring, in typical springs of the body
 REACH = 0.5  # of the body's size by which typical springs must stretch to pull as hard as the hand can
-LIFT = 4.0  # the hand can hold at least this many times the weight of all
+SAG = 0.004  # of the body's size: how far below the hand the held point hangs under the weight of all, at most
+LIFT = 20.0  # the hand can hold at least this many times the weight of all
+CALM = 4.0  # 1/s
 MOST = 24  # particles that a hand can hold: the corners of the cells of a triangle of an embedded skin
 
 
 @dataclass(frozen=True, kw_only=True)
 class Grab(Force):
     """Lets a hand take hold of the scene's jellos: see Simulation.grab. stiffness [N/m] of the hand's spring and the
-    `limit` [N] of its pull; zero: chosen to suit the body."""
+    `limit` [N] of its pull; zero: chosen to suit the body. calm [1/s]: the rate at which the held jello loses its
+    motion relative to the hand, so that it comes to rest where the hand holds it."""
 
     key: ClassVar[str] = "grab"
     stiffness: float = 0.0
     limit: float = 0.0
+    calm: float = CALM
 
     def check(self):
-        return {name: number(name, getattr(self, name), low=0.0) for name in ("stiffness", "limit")}
+        return {name: number(name, getattr(self, name), low=0.0) for name in ("stiffness", "limit", "calm")}
 
 
 def with_hand(scene: Scene, grab: Grab | None = None) -> Scene:
@@ -49,7 +53,8 @@ class Held:
 @ti.data_oriented
 class Hand(ParticleForce):
     """F = k (target - p) + c (w - u) on the held point p that moves at u while the hand moves at w, never more than the
-    limit; each of its up to MOST particles gets F times its weight. c is critical for a single particle at p."""
+    limit; each of its up to MOST particles gets F times its weight. c is critical for a single particle at p. On all
+    particles of the jello acts -m γ (v - w) besides, γ being `calm`."""
 
     title = "grab"
     reads_velocity = True
@@ -61,15 +66,19 @@ class Hand(ParticleForce):
         size = float(np.ptp(body.x, axis=0).max()) or 1.0
         weight = float(body.mass.sum()) * (float(np.linalg.norm(gravity)) or 9.81)
         self.least_mass = float(body.mass.min())
-        self.stiffness = grab.stiffness or FIRMNESS * typical
+        self.stiffness = grab.stiffness or max(FIRMNESS * typical, weight / (SAG * size))
         self.damping = 2.0 * float(np.sqrt(self.stiffness * self.least_mass))
         self.limit = grab.limit or max(REACH * typical * size, LIFT * weight)
-        self.number = particles.memory.number
+        self.number, self.calm, self.mass = particles.memory.number, grab.calm, particles.mass
+        self.jello = body.jello
+        self.several = bool(body.jello.any())
+        if self.several:
+            self.jello_of = particles.memory.table(self.title, "jello", body.jello)
         # How many particles are held, then which.
         self.held = particles.memory.table(self.title, "particles", np.zeros(1 + MOST, np.int32))
         self.weights_held = particles.memory.table(self.title, "weights", np.zeros(MOST))
-        # Rows: the hand's place when the frame begins [m], its velocity [m/s].
-        self.hand = particles.memory.table(self.title, "hand", np.zeros((2, 3)))
+        # Rows: the hand's place when the frame begins [m], its velocity [m/s]; the rate of calming and which jello.
+        self.hand = particles.memory.table(self.title, "hand", np.zeros((3, 3)))
         self.particles, self.weights = np.zeros(0, np.int32), np.zeros(0)
         self.target = self._from = self._to = np.zeros(3)
         self._frame, self._changed = -1.0, True
@@ -110,7 +119,8 @@ class Hand(ParticleForce):
             spare = MOST - len(self.particles)
             self.held.from_numpy(np.pad(np.append(np.int32(len(self.particles)), self.particles), (0, spare)))
             self.weights_held.from_numpy(np.pad(self.weights, (0, spare)).astype(self.number))
-            rows = np.stack([self._from, (self._to - self._from) / (end - start)])
+            calmed = (self.calm, self.jello[self.particles[0]], 0.0) if self.holds else (0.0, -1.0, 0.0)
+            rows = np.stack([self._from, (self._to - self._from) / (end - start), calmed])
             self.hand.from_numpy(rows.astype(self.number))
             self._changed = False
 
@@ -135,23 +145,33 @@ class Hand(ParticleForce):
         return share
 
     @ti.func
+    def calming(self, i):
+        """m γ of particle i [kg/s], zero if it is not of the held jello."""
+        rate = self.hand[2][0]
+        if ti.static(self.several):  # noqa: SIM102 - decided when it is compiled
+            if self.jello_of[i] != int(self.hand[2][1]):
+                rate = 0.0
+        return rate * self.mass(i)
+
+    @ti.func
     def curvature(self, i, x, v, t, c):
         """The weights sum to one, so the matrix k w wᵀ is at most the diagonal one with k w."""
-        return self.share(i) * (self.stiffness + self.damping / c) * ti.Matrix.identity(float, 3)
+        pull = self.share(i) * (self.stiffness + self.damping / c)
+        return (pull + self.calming(i) / c) * ti.Matrix.identity(float, 3)
 
     @ti.func
     def on(self, i, x, v, t):
         share = self.share(i)
-        force = ti.Vector([0.0, 0.0, 0.0])
+        force = self.calming(i) * (self.hand[1] - v[i])
         if share > 0.0:
-            force = share * self.pull(x, v, t)
+            force += share * self.pull(x, v, t)
         return force
 
     def rates(self):
         """The point's stiffness k Σw² is at most k, on particles of at least the least mass."""
         return Rates(
             squared_frequency=self.stiffness / self.least_mass,
-            damping=self.damping / self.least_mass,
+            damping=self.damping / self.least_mass + self.calm,
             damping_time=self.damping / self.stiffness,
         )
 

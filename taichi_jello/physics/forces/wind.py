@@ -35,6 +35,7 @@ def with_wind(scene: Scene) -> Scene:
 class WindForce(ParticleForce):
     title = "wind"
     reads_velocity = True
+    has_curvature = True
 
     def __init__(self, wind, particles):
         self.particles, self.rate, self.velocity = particles, wind.rate, tuple(wind.velocity)
@@ -58,6 +59,10 @@ class WindForce(ParticleForce):
     @ti.func
     def on(self, i, x, v, t):
         return self.particles.mass(i) * self.air[1] * (self.air[0] - v[i])
+
+    @ti.func
+    def curvature(self, i, x, v, t, c):
+        return self.particles.mass(i) * self.air[1][0] / c * ti.Matrix.identity(float, 3)
 
     def rates(self):
         return Rates(damping=self.rate)

@@ -1,0 +1,71 @@
+"""A real jello on the mouse: it comes to rest under the cursor, and no motion breaks it."""
+
+import numpy as np
+import pytest
+
+from taichi_jello import Box, Plane, Scene, Simulation, Sphere
+from taichi_jello.replay import playable
+from taichi_jello.view.viewer import Viewer
+
+
+def opened(scene, size=(1280, 720)):
+    viewer = Viewer(Simulation(playable(scene)))
+    viewer.size = size
+    return viewer
+
+
+def front(viewer):
+    """Where the particle nearest to the eye is on the screen, and a little inside."""
+    view, x = viewer.viewpoint, viewer.simulation.x
+    nearest = np.argmin(np.linalg.norm(x - view.eye, axis=1))
+    inside = 0.9 * x[nearest] + 0.1 * x.mean(0)
+    return view.project(inside[None], viewer.size)[0]
+
+
+def test_dragged_to_a_corner_it_rests_within_3_pixels_of_the_cursor():
+    """A soft free jello under gravity, in windows of both shapes, taken across the window in a third of a second."""
+    cube = Box(points=(5, 5, 5), position=(0.0, 0.6, 0.0), stiffness=50.0, damping=0.05)
+    viewer = opened(Scene(jello=[cube]))
+    for viewer.size in ((1280, 720), (800, 1000)):
+        viewer.simulation.reset()
+        width, height = viewer.size
+        at = front(viewer)
+        viewer.press("left", tuple(at))
+        assert viewer.hand is not None
+        for corner in ((8.0, 8.0), (width - 8.0, 8.0), (8.0, height - 8.0), (width - 8.0, height - 8.0)):
+            way = np.array(corner) - at
+            for k in range(1, 21):
+                viewer.move(tuple(at + way * k / 20.0))
+                viewer.step()
+            at = np.array(corner)
+            for _ in range(120):
+                viewer.step()
+            held = viewer.simulation.held
+            point, target = viewer.viewpoint.project(np.stack([held.point, held.target]), viewer.size)
+            assert target == pytest.approx(at, abs=1e-3)
+            assert np.linalg.norm(point - at) < 3.0
+        viewer.release("left")
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 200.0, 1e5])
+def test_no_motion_of_the_mouse_breaks_a_jello(stiffness):
+    """Every frame another place up to metres away, now and then towards the eye or away from it; let go and grabbed
+    again; on the floor, against a sphere and in the air. Numbers that are not finite would pause the window."""
+    cube = Box(points=(4, 4, 4), position=(0.0, 0.7, 0.0), stiffness=stiffness)
+    viewer = opened(Scene(jello=[cube], collider=[Plane(), Sphere(center=(0.7, 0.2, 0.0), radius=0.4)]))
+    person, grabs, held = np.random.default_rng(7), 0, 0
+    for frame in range(360):
+        if viewer.hand is None and frame % 4 == 0:
+            if np.abs(viewer.simulation.x).max() > 50.0:
+                viewer.handle_key("r")
+            viewer.handle_key("f")
+            viewer.press("left", tuple(front(viewer)))
+            grabs += viewer.hand is not None
+        elif person.random() < 0.04:
+            viewer.release("left")
+        viewer.move(tuple(person.uniform((-2000.0, -2000.0), (3000.0, 3000.0))), away=person.random() < 0.2)
+        viewer.step()
+        held += viewer.hand is not None
+        assert not viewer.paused, viewer.notice
+        assert np.isfinite(viewer.simulation.x).all() and np.isfinite(viewer.simulation.v).all()
+    assert grabs >= 5 and held > 150
