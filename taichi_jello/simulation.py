@@ -1,6 +1,8 @@
 """Simulation: a scene in motion. Clock, frames and substeps, snapshots, and what happens when numbers go bad."""
 
+import contextlib
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from math import ceil
 from typing import Any
@@ -12,6 +14,7 @@ from taichi_jello.assembly import assembled
 from taichi_jello.body import Body
 from taichi_jello.physics.colliders.room import Room
 from taichi_jello.physics.forces.grab import MOST, Hand, Held
+from taichi_jello.physics.ledger import Books
 from taichi_jello.physics.system import System
 from taichi_jello.scene import Scene, SceneError, vector
 
@@ -49,8 +52,9 @@ class Simulation:
     """A scene made of Taichi fields and stepped through time.
 
     method, dt [s] and substeps (of a drawn frame) override the scene's solver; team forces a form of the step (see
-    System). Uses the running Taichi, or starts it with its defaults. Raises SceneError for a scene, a method or a step
-    that cannot be, and RuntimeProblem if Taichi was started again since.
+    System); ledger: book the work of what stores no energy (see physics/ledger.py). Uses the running Taichi, or starts
+    it with its defaults. Raises SceneError for a scene, a method or a step that cannot be, and RuntimeProblem if Taichi
+    was started again since.
     """
 
     def __init__(
@@ -61,6 +65,7 @@ class Simulation:
         dt: float | str | None = None,
         substeps: int | None = None,
         team: int | None = None,
+        ledger: bool = False,
     ):
         self.scene = scene
         self.body: Body = assembled(scene)
@@ -68,13 +73,14 @@ class Simulation:
         self.method = method or scene.solver.method
         self.frame_dt = scene.solver.frame_dt
         self.asked_step = scene.solver.dt if dt is None else dt, substeps
-        self.system = System(scene, self.body, method=self.method, team=team)
+        self.system = System(scene, self.body, method=self.method, team=team, ledger=ledger)
         self.substeps = self._choose_substeps(*self.asked_step)
         self.dt = self.frame_dt / self.substeps
         self._frames = self._done = 0
         self._begun = False
         self._time_before_frames = 0.0
         self.start = self.snapshot()
+        self._open_books()
 
     def _check_rooms(self) -> None:
         """A jello must begin inside every room, or the walls would throw it."""
@@ -141,9 +147,38 @@ class Simulation:
 
     @property
     def work(self) -> dict[str, float]:
-        """Energy [J] that changes of the springs and of gravity have put into the scene (or, negative, taken out)
-        until now, by what for; empty where nothing changes."""
-        return self.system.changes.work
+        """Energy [J] that was put into the scene (or, negative, taken out) until now, by what: changes of the springs
+        and of gravity, where there are any, and with a ledger dashpots, friction and all else that stores none, since
+        the last `restore`."""
+        total = dict(self.system.changes.work)
+        for name, work in (self._books.works if self._books else {}).items():
+            total[name] = total.get(name, 0.0) + work
+        return total
+
+    @property
+    def energy_residual(self) -> float:
+        """[J] By how much the energy is more than what there was at the last `restore` and all `work` since: the error
+        of the method, of its step and of rounding. Raises ValueError without a ledger."""
+        if self._books is None:
+            raise ValueError("the simulation keeps no ledger: make it with ledger=True")
+        return self._own_energy() - sum(self._books.works.values()) - self._books.opening
+
+    def _own_energy(self) -> float:
+        """The energy [J] less what changes have put in."""
+        return sum(self.energies().values()) - sum(self.system.changes.work.values())
+
+    def _open_books(self) -> None:
+        ledger = self.system.ledger
+        self._books = None if ledger is None else Books(self._own_energy(), ledger.names)
+
+    @contextlib.contextmanager
+    def _booked(self, name: str) -> Iterator[None]:
+        """Book what a call puts into the scene at once under `name`."""
+        books, before = self._books, self._own_energy() if self._books else 0.0
+        yield
+        if books:
+            self._books = books
+            books.add({name: self._own_energy() - before})
 
     def frame(self) -> None:
         """Go on to the end of the current frame. Raises Diverged, back at the frame's beginning."""
@@ -162,9 +197,12 @@ class Simulation:
             part = min(count, self.substeps - self._done)
             self._begin_frame()
             self.system.steps(self._done, self._done + part, self.dt)
+            works = self.system.ledger.take() if self.system.ledger else {}
             bad = self.system.keep_if_finite()
             if bad is not None:
                 self._fail(bad, part)
+            if self._books:
+                self._books.add(works)
             self._done += part
             count -= part
             if self._done == self.substeps:
@@ -219,6 +257,7 @@ class Simulation:
             self._set_time(snapshot.time)
         if snapshot.grip is not None and self._hand is not None:
             self._hand.grip = snapshot.grip
+        self._open_books()
 
     def _set_time(self, time: float) -> None:
         """Find the frame and substep of `time`; a time between substeps becomes a frame's beginning of its own."""
@@ -238,14 +277,15 @@ class Simulation:
         """Change some of `tuning` from now on; an automatic dt follows the new safe step. Raises ValueError for a
         number that cannot be, or that the scene does not have."""
         runtime.check(self.system.owner)
-        self.system.tune(**numbers)
+        with self._booked("tuning"):
+            self.system.tune(**numbers)
         self._choose_step()
 
     def change_method(self, name: str) -> None:
         """Go on from here with another method. Raises SceneError if there is none of that name or it has no safe
         step."""
         now, tuning, before = self.snapshot(), self.tuning, (self.system, self.method)
-        system = System(self.scene, self.body, method=name)
+        system = System(self.scene, self.body, method=name, ledger=before[0].ledger is not None)
         self.system, self.method = system, name
         try:
             system.tune(**tuning)
@@ -253,7 +293,9 @@ class Simulation:
         except SceneError:
             self.system, self.method = before
             raise
+        books = self._books
         self.restore(now)
+        self._books = books
 
     def change_step(self, *, dt: float | str | None = None, substeps: int | None = None) -> None:
         """Cut the frames that follow otherwise: by dt [s], "auto" or a number of substeps, as at the beginning."""
@@ -301,7 +343,8 @@ class Simulation:
         """Add `velocity` (3,) [m/s] to all free particles, or to those of one jello: a kick."""
         kick, now = np.array(vector("velocity", velocity)), self.snapshot()
         moved = ~self.body.pinned & (True if jello is None else self.body.jello == jello)
-        self.restore(replace(now, v=now.v + moved[:, None] * kick))
+        with self._booked("pushes"):
+            self.restore(replace(now, v=now.v + moved[:, None] * kick))
 
     @property
     def held(self) -> Held | None:

@@ -14,6 +14,7 @@ from taichi_jello.physics.forces._base import ParticleForce
 from taichi_jello.physics.forces.springs import Springs
 from taichi_jello.physics.gather import reach
 from taichi_jello.physics.integrators import scheme
+from taichi_jello.physics.ledger import Ledger
 from taichi_jello.physics.particles import Particles
 from taichi_jello.physics.state import ALONE, Memory, State
 from taichi_jello.plugins import classes
@@ -36,7 +37,7 @@ class System:
     bits; by default chosen by arch, threads and size.
     """
 
-    def __init__(self, scene: Scene, body: Body, *, method: str, team: int | None = None):
+    def __init__(self, scene: Scene, body: Body, *, method: str, team: int | None = None, ledger: bool = False):
         Scheme = scheme(method)
         owner = runtime.current()
         self.team = self._choose_team(owner, len(body)) if team is None else team
@@ -59,6 +60,8 @@ class System:
         self.watched = tuple(force for force in self.all_forces if force.watches)
         self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
         self.integrator = Scheme(self.memory, self.state, damped=any(f.reads_velocity for f in self.all_forces))
+        self.ledger: Any = Ledger(self.all_forces, self.memory) if ledger else None
+        self.books = self.ledger is not None and self.ledger.columns > 0
         if self.team > 1:
             self.arrivals = ti.field(ti.i64, 1)  # how often threads came to wait_for_team, ever
         if self.watched:
@@ -147,7 +150,7 @@ class System:
                 pass
 
     @ti.kernel
-    def _team_steps(self, start: int, stop: int, dt: float):
+    def _team_steps(self, origin: int, start: int, stop: int, dt: float):
         if ti.static(len(self.watched) > 0):
             self.reached[0] = start
         if ti.static(self.team == 1):
@@ -157,6 +160,9 @@ class System:
         for member in range(self.team):
             first = member * self.passes // self.team * self.lanes
             last = ti.min((member + 1) * self.passes // self.team * self.lanes, self.count)
+            if ti.static(self.books):  # noqa: SIM102
+                if start == origin:
+                    self.ledger.book(self, first, last, 0, stop - origin, origin, dt)
             if ti.static(self.integrator.has_begin):
                 self.integrator.begin(self, first, last, start * dt)
             for step in range(start, stop):
@@ -164,12 +170,12 @@ class System:
                     self._watch(first, last, dt)
                     self.wait_for_team()
                     if not self._stale():
-                        self._one_step(first, last, step, dt)
+                        self._one_step(first, last, origin, step, stop, dt)
                 else:
-                    self._one_step(first, last, step, dt)
+                    self._one_step(first, last, origin, step, stop, dt)
 
     @ti.func
-    def _one_step(self, first, last, step, dt):
+    def _one_step(self, first, last, origin, step, stop, dt):
         for s in range(self.integrator.stages):
             self.integrator.stage(self, first, last, s, step * dt, dt)
             if ti.static(self.integrator.solves):
@@ -178,6 +184,8 @@ class System:
                         if self.integrator.solver.mode[0] == kind:
                             self.integrator.solver.turn(kind, self, first, last)
         self.integrator.finish(self, first, last, step * dt, dt)
+        if ti.static(self.books):
+            self.ledger.book(self, first, last, step + 1 - origin, stop - origin, origin, dt)
         if ti.static(len(self.watched) > 0):  # noqa: SIM102
             if first == 0:
                 self.reached[0] = step + 1
@@ -208,6 +216,10 @@ class System:
     @ti.kernel
     def _reached(self) -> int:
         return self.reached[0]
+
+    @ti.kernel
+    def _parallel_book(self, origin: int, step: int, stop: int, dt: float):
+        self.ledger.book(self, 0, self.count, step - origin, stop - origin, origin, dt)
 
     @ti.kernel
     def _parallel_begin(self, t: float):
@@ -246,11 +258,12 @@ class System:
         if self.integrator.solves:
             self.integrator.prepare(self, dt)
         if not self.watched:
-            self._steps(first, last, dt)
+            self._steps(first, first, last, dt)
             return
+        origin = first
         while first < last:
             self._refresh(dt)
-            self._steps(first, last, dt)
+            self._steps(origin, first, last, dt)
             first = self._reached()
             if first < last:
                 self._forget()
@@ -267,10 +280,13 @@ class System:
         for force in self.watched:
             force.forget()
 
-    def _steps(self, first: int, last: int, dt: float) -> None:
+    def _steps(self, origin: int, first: int, last: int, dt: float) -> None:
+        """Substeps `first` to `last` of those that began with `origin`."""
         if self.team:
-            self._team_steps(first, last, dt)
+            self._team_steps(origin, first, last, dt)
             return
+        if self.books and first == origin:
+            self._parallel_book(origin, origin, last, dt)
         if self.integrator.has_begin:
             self._parallel_begin(first * dt)
         for step in range(first, last):
@@ -278,10 +294,12 @@ class System:
                 self._parallel_watch(step, dt)
             if self.integrator.solves:
                 self._parallel_solves(step, dt)
-                continue
-            for s in range(self.integrator.stages - 1):
-                self._parallel_stage(s, step, dt)
-            self._parallel_last_stage(self.integrator.stages - 1, step, dt)
+            else:
+                for s in range(self.integrator.stages - 1):
+                    self._parallel_stage(s, step, dt)
+                self._parallel_last_stage(self.integrator.stages - 1, step, dt)
+            if self.books and not (self.watched and self._is_stale()):
+                self._parallel_book(origin, step + 1, last, dt)
 
     def _parallel_solves(self, step: int, dt: float) -> None:
         """One step of a scheme that solves: every turn of the solver is a kernel of its own."""

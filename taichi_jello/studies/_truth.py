@@ -54,7 +54,7 @@ def roll_out(simulation: Simulation, case: Case, substeps: int, x: np.ndarray) -
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StepWarning)
         simulation.change_step(substeps=substeps)
-    simulation.restore(Snapshot(0.0, x, simulation.body.v))
+    simulation.restore(Snapshot(0.0, x, simulation.start.v))
     simulation.step(case.frames * substeps)
     return simulation.snapshot()
 
@@ -94,8 +94,9 @@ def dop853(
         reference = Reference(case.scene, body)
         if not reference.knows(case.scene, titles) or not same_physics(reference, simulation, moments):
             return None, "; NumPy's reference does not know all that moves this scene"
-        v = np.where(body.pinned[:, None], 0.0, body.v)
-        solved = reference.solve(case.start(body.x), v, case.seconds, simulation.frame_dt)
+        solved = reference.solve(
+            case.start(body.x), simulation.start.v.astype(float), case.seconds, simulation.frame_dt
+        )
         return solved, "SciPy's DOP853 at 1e-12"
     except ImportError:
         return None, f"; SciPy would confirm it: {INSTALL}"
@@ -111,7 +112,7 @@ def truth(case: Case) -> Truth:
         simulation = Simulation(case.scene, method="rk4", team=1)
     body, edge = simulation.body, case.edge
     x = case.start(body.x)
-    simulation.restore(Snapshot(0.0, x, body.v))
+    simulation.restore(Snapshot(0.0, x, simulation.start.v))
     begun = simulation.snapshot()
     energy_at_start = sum(simulation.energies().values())
     substeps = FINER * max(1, int(np.ceil(simulation.frame_dt / min(simulation.safe_dt, simulation.frame_dt / 4))))

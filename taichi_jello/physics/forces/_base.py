@@ -45,6 +45,9 @@ class ParticleForce:
     dt)`, which brings it up to date for particles at x (N, 3) [m] (in the field `positions` too) that move at v (N, 3)
     [m/s]; `@ti.func watch(self, first, last, x, v, dt)`, which before each step looks whether the particles first …
     last - 1 may move too far in it; and `@ti.func stale(self)`, whether any may: then the step has to wait.
+
+    For the energy ledger (see physics/ledger.py) a force that stores energy and also has losses names these in
+    `works` and defines `@ti.func powers(self, i, x, v, t)`, a vector with particle i's share of each [W].
     """
 
     title: ClassVar[str]
@@ -58,7 +61,10 @@ class ParticleForce:
     has_curvature: bool = False
     couples: bool = False
     fresh: bool = True
+    works: tuple[str, ...] = ()
     prepare: Any
+    on: Any
+    powers: Any
     tidy: Any
     refresh: Any
     forget: Any

@@ -42,6 +42,7 @@ class PenaltyContact(ParticleForce):
     energy_kind = "contact"
     reads_velocity = True
     has_curvature = True
+    works = ("contact dashpots", "friction", "moving colliders")
 
     def __init__(self, scene, particles):
         self.particles, self.colliders, self.contact = particles, self._sorted(scene.collider), scene.contact
@@ -196,6 +197,36 @@ class PenaltyContact(ParticleForce):
             for r in range(group.start, group.stop):
                 depth = ti.max(0.0, -self.touch(group.signed_distance, r, p, t)[3])
                 total += 0.5 * self.law[0][0] * depth * depth
+        return total
+
+    @ti.func
+    def losses(self, p, u, t, share):
+        """The power [W] of dashpots, of friction and of the surfaces' own motion at a point, as in `push`: (p - kδ)s,
+        rub · w and (p n + rub) · V for a pressure p, speeds s out of the surface and w across, and V the surface's."""
+        total, law = ti.Vector([0.0, 0.0, 0.0]), self.law[0]
+        for group in ti.static(self.groups):
+            for r in range(group.start, group.stop):
+                touch = self.touch(group.signed_distance, r, p, t)
+                if touch[3] < 0.0:
+                    n = ti.Vector([touch[0], touch[1], touch[2]])
+                    own = ti.Vector([self.rows[r][3], self.rows[r][4], self.rows[r][5]])
+                    relative = u - own
+                    speed = relative.dot(n)
+                    pressed = pressure(-touch[3], speed, share * law[0], share * law[1])
+                    total[0] += (pressed + share * law[0] * touch[3]) * speed
+                    total[2] += pressed * n.dot(own)
+                    if ti.static(self.rubs):
+                        slide = relative - speed * n
+                        rubbed = rub(pressed, slide, law[2], share * law[3])
+                        total[1] += rubbed.dot(slide)
+                        total[2] += rubbed.dot(own)
+        return total
+
+    @ti.func
+    def powers(self, i, x, v, t):
+        total = self.losses(x[i], v[i], t, 1.0)
+        if ti.static(self.masked):
+            total *= self.bare[i]
         return total
 
     @ti.func

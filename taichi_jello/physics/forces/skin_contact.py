@@ -149,3 +149,19 @@ class SkinContact(PenaltyContact):
                         p += self.weight(k, at) * x[corners[k]]
                     total += at[3] * self.pressed_energy(p, t)
         return total
+
+    @ti.func
+    def powers(self, i, x, v, t):
+        """A cell's powers are booked by its first corner."""
+        total = ti.Vector([0.0, 0.0, 0.0])
+        for e in range(self.first[i], self.first[i + 1]):
+            if self.around[e] % 8 == 0:
+                cell = self.around[e] // 8
+                corners = self.corners[cell]
+                for q in range(self.start[cell], self.start[cell + 1]):
+                    at, p, u = self.skin[q], ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+                    for k in ti.static(range(8)):
+                        p += self.weight(k, at) * x[corners[k]]
+                        u += self.weight(k, at) * v[corners[k]]
+                    total += self.losses(p, u, t, at[3])
+        return total

@@ -44,6 +44,7 @@ class Springs(ParticleForce):
         self.number, self.scales = memory.number, {"stiffness": 1.0, "damping": 1.0}
         self.written, self.example, self.single = packed.materials, packed.example, packed.single
         self.damped = self.reads_velocity = bool(self.body.damping.any())
+        self.works = ("dashpots",) if self.damped else ()
         self.lanes, self.Lanes = memory.lanes, memory.lane_vector
         for name in ("start", "entries", "materials"):
             setattr(self, name, memory.table(self.title, name, getattr(packed, name)))
@@ -136,6 +137,19 @@ class Springs(ParticleForce):
                 stretch = (x[i + entry[0]] - x[i]).norm() - m[1]
                 total += 0.25 * m[0] * stretch * stretch
         return total
+
+    @ti.func
+    def powers(self, i, x, v, t):
+        """Half of -c (w · n)² for each spring of particle i; its other end books the other half."""
+        total = ti.cast(0.0, float)
+        for e in range(self.start[i // LANES], self.start[i // LANES + 1]):
+            entry = self.entries[e]
+            if (entry[1] >> (i % LANES)) & 1:
+                m, j = self.materials[self.place(entry[2], i)], i + entry[0]
+                d = x[j] - x[i] + ti.Vector([m[3], m[4], m[5]])
+                along = (v[j] - v[i]).dot(d)
+                total -= 0.5 * m[2] * along * along / d.dot(d)
+        return ti.Vector([total])
 
     def tuning(self):
         return dict(self.scales) if self.damped else {"stiffness": self.scales["stiffness"]}
