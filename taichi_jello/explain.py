@@ -26,7 +26,7 @@ def facts(simulation: Simulation) -> dict[str, Any]:
         "compiled_in": [force.title for force in system.all_forces]
         + [simulation.method]
         + system.particles.traits()
-        + [change.title for change in system.changes.all],
+        + system.changes.present,
         "left_out": system.absent + system.particles.absent_traits() + system.changes.absent,
         "fields": dict(fields),
         "bytes": sum(size for *_, size in system.memory.fields),

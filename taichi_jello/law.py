@@ -51,7 +51,7 @@ def law_at(scene: Scene, body: Body, time: float, memory: Memory) -> Law:
 
 def by_jello(scene: Scene, body: Body, values: list[float]) -> np.ndarray:
     """(S,) for each spring the value of its jello."""
-    return np.array(values)[body.jello[body.springs[:, 0]]]
+    return np.array(values, float)[body.jello[body.springs[:, 0]]]
 
 
 def strongest(scene: Scene, body: Body) -> tuple[np.ndarray, np.ndarray, float]:

@@ -10,9 +10,10 @@ from taichi_jello.body import Body
 from taichi_jello.checked import FAMILIES, Checked, SceneError, Vector, by_family, number, vector
 
 
-def places(body: Body, points: np.ndarray) -> np.ndarray:
-    """(n, 3) points of the rest shape, 0 to 1 along each axis of the body; 0 along an axis it has no extent in."""
-    low, size = body.rest.min(0), np.ptp(body.rest, axis=0)
+def places(rest: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(n, 3) points of the shape with particles at `rest` (N, 3), 0 to 1 along each axis; 0 along an axis in which it
+    has no extent."""
+    low, size = rest.min(0), np.ptp(rest, axis=0)
     return (points - low) / np.where(size > 0.0, size, 1.0)
 
 
@@ -104,7 +105,7 @@ def _called(name: str, function: Callable[[np.ndarray], Any], where: np.ndarray)
 def divided(body: Body, regions: tuple[Region, ...]) -> dict[str, np.ndarray]:
     """stiffness [N/m] and damping [N·s/m] (S,) of the springs of `body`; a later region goes over an earlier one.
     Raises SceneError for a region that no spring lies in."""
-    middle = places(body, body.rest[body.springs].mean(1)) if len(body.springs) else np.zeros((0, 3))
+    middle = places(body.rest, body.rest[body.springs].mean(1)) if len(body.springs) else np.zeros((0, 3))
     made = {"stiffness": body.stiffness.copy(), "damping": body.damping.copy()}
     for index, region in enumerate(regions):
         inside = region.holds(middle)

@@ -125,16 +125,23 @@ class Force(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Pin(Checked):
-    """Points held: those whose rest position, 0 to 1 along each axis of the shape, lies in the box."""
+    """Points held: those whose rest position, 0 to 1 along each axis of the shape, lies in the box; still or, as a
+    handle, moved along its keyframes, straight within a frame."""
 
     min: Vector = (0.0, 0.0, 0.0)
     max: Vector = (1.0, 1.0, 1.0)
+    keyframe: Sequence[Move] = ()
+    parts: ClassVar[dict[str, type[Checked]]] = {"keyframe": Move}
 
     def check(self) -> dict[str, Any]:
         low, high = vector("min", self.min), vector("max", self.max)
         if any(a > b for a, b in zip(low, high, strict=True)):
             raise SceneError("max", f"expected at least min {list(low)} on every axis, got {list(high)}")
         return {"min": low, "max": high}
+
+    def holds(self, where: np.ndarray) -> np.ndarray:
+        """(n,) whether it holds points at the places (n, 3)."""
+        return np.all((where >= np.array(self.min) - 1e-9) & (where <= np.array(self.max) + 1e-9), axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,6 +151,9 @@ class Jello(Checked):
     position [m] of its centre, rotation [degrees about x, then y, then z], velocity [m/s], spin [rad/s],
     mass [kg] of the whole, stiffness [N/m] and damping [N·s/m] of each spring or a table by family. In their places a
     solid may have a Young's modulus young [Pa], a density [kg/m³] and a damping_ratio: see taichi_jello.elastic.
+    creep [1/s]: the rate at which its springs' rest lengths follow their lengths; yield_strain: the strain beyond which
+    the rest lengths follow at once; tear_strain: that at which a spring breaks, of the length it was made or frozen
+    with; 0: never.
     x [m], v [m/s]: (N, 3) where each point starts and how fast, instead of all that.
     """
 
@@ -159,6 +169,9 @@ class Jello(Checked):
     young: float | None = None
     density: float | None = None
     damping_ratio: float | None = None
+    creep: float = 0.0
+    yield_strain: float = 0.0
+    tear_strain: float = 0.0
     pin: Sequence[Pin] = ()
     self_contact: bool = False
     x: Any = None
@@ -170,24 +183,26 @@ class Jello(Checked):
     def check(self) -> dict[str, Any]:
         if isinstance(self.springs, str) or not isinstance(self.springs, Sequence):
             raise SceneError("springs", f"expected a list of {', '.join(FAMILIES)}, got {self.springs!r}")
-        given = [name for name in ("young", "density", "damping_ratio") if getattr(self, name) is not None]
-        checked = {name: number(name, getattr(self, name), above=0.0) for name in given if name != "damping_ratio"}
+        checked: dict[str, Any] = {
+            "mass": number("mass", self.mass, above=0.0),
+            "springs": tuple(word("springs", family, FAMILIES) for family in self.springs),
+            "stiffness": by_family("stiffness", self.stiffness),
+            "damping": by_family("damping", self.damping),
+            "self_contact": truth("self_contact", self.self_contact),
+        }
+        for name in ("position", "rotation", "velocity", "spin"):
+            checked[name] = vector(name, getattr(self, name))
+        for name in ("creep", "yield_strain", "tear_strain"):
+            checked[name] = number(name, getattr(self, name), low=0.0)
         if self.damping_ratio is not None:
             checked["damping_ratio"] = number("damping_ratio", self.damping_ratio, low=0.0)
-        motion = {name: vector(name, getattr(self, name)) for name in ("position", "rotation", "velocity", "spin")}
-        return (
-            motion
-            | checked
-            | {
-                "mass": number("mass", self.mass, above=0.0),
-                "springs": tuple(word("springs", family, FAMILIES) for family in self.springs),
-                "stiffness": by_family("stiffness", self.stiffness),
-                "damping": by_family("damping", self.damping),
-                "self_contact": truth("self_contact", self.self_contact),
-                "x": None if self.x is None else vectors("x", self.x),
-                "v": None if self.v is None else vectors("v", self.v),
-            }
-        )
+        for name in ("young", "density"):
+            if getattr(self, name) is not None:
+                checked[name] = number(name, getattr(self, name), above=0.0)
+        for name in ("x", "v"):
+            if getattr(self, name) is not None:
+                checked[name] = vectors(name, getattr(self, name))
+        return checked
 
     def body(self) -> Body:
         """Its points, springs and skin."""
@@ -200,12 +215,13 @@ class Jello(Checked):
     @property
     def changes(self) -> bool:
         """Whether its springs change with time."""
-        return bool(self.keyframe)
+        return bool(self.keyframe) or self.takes_its_own_shape
 
     @property
     def takes_its_own_shape(self) -> bool:
         """Whether its springs change one by one."""
-        return any(row.freeze for row in self.keyframe)
+        lasting = self.creep > 0.0 or self.yield_strain > 0.0 or self.tear_strain > 0.0
+        return lasting or any(row.freeze for row in self.keyframe)
 
     def coefficient(self, name: str, family: str) -> float:
         """`stiffness` or `damping` of one family; a family missing from a table has none."""

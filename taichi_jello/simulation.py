@@ -212,7 +212,7 @@ class Simulation:
         """Tell the forces which frame it is, once a frame."""
         if not self._begun:
             start, end = (self._time_before_frames + (self._frames + k) * self.frame_dt for k in (0, 1))
-            self.system.begin_frame(start, end)
+            self.system.begin_frame(start, end, within=self._done > 0)
             self._begun = True
 
     def _fail(self, particle: int, part: int) -> None:

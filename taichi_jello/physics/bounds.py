@@ -42,10 +42,10 @@ def _lanczos(apply: Callable[[np.ndarray], np.ndarray], n: int, steps: int = 80,
         alphas.append(float(q @ r))
         r -= alphas[-1] * q
         beta = float(np.linalg.norm(r))
-        if step % 5 == 4 or step == min(steps, n) - 1 or beta < 1e-12 * abs(alphas[0]):
+        if step % 5 == 4 or step == min(steps, n) - 1 or beta <= 1e-12 * abs(alphas[0]):
             previous = largest
             largest = float(np.linalg.eigvalsh(np.diag(alphas) + np.diag(betas, 1) + np.diag(betas, -1))[-1])
-            if largest - previous < tolerance * largest or beta < 1e-12 * abs(alphas[0]):
+            if largest - previous < tolerance * largest or beta <= 1e-12 * abs(alphas[0]):
                 break
         before, q = q, r / beta
         betas.append(beta)

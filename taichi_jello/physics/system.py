@@ -13,6 +13,7 @@ from taichi_jello.physics.changes import Changes
 from taichi_jello.physics.forces._base import ParticleForce
 from taichi_jello.physics.forces.springs import Springs
 from taichi_jello.physics.gather import reach
+from taichi_jello.physics.handles import Handles
 from taichi_jello.physics.integrators import scheme
 from taichi_jello.physics.ledger import Ledger
 from taichi_jello.physics.particles import Particles
@@ -67,6 +68,7 @@ class System:
         if self.watched:
             self.reached = self.memory.table("clock", "steps done", np.zeros(1, np.int32))
         self.memory.fill()
+        self.handles = Handles(scene, body)
         self.changes = Changes(scene, body, list(self.all_forces))
         self.drag = scene.drag
         self.bound = self._largest_dt()
@@ -313,7 +315,14 @@ class System:
         if self.watched:
             self.reached[0] = step + 1
 
-    def begin_frame(self, start: float, end: float) -> None:
+    def begin_frame(self, start: float, end: float, within: bool = False) -> None:
+        """Bring live values up to date for the frame from `start` to `end` [s]; within: it has begun already."""
+        if len(self.handles.held) and not within:
+            good = self._good.copy()
+            good[self.handles.held] = np.hstack(self.handles.motion(start, end))
+            if not np.array_equal(good, self._good):
+                self._good = good
+                self._write(good)
         self.changes.begin(start, self._good[:, :3])
         for force in self.all_forces:
             force.begin_frame(start, end)

@@ -142,7 +142,7 @@ def body_of(
     length = np.linalg.norm(way, axis=1)
 
     turned = rest @ rotation(jello.rotation).T
-    held = [np.all((unit >= np.array(p.min) - 1e-9) & (unit <= np.array(p.max) + 1e-9), 1) for p in jello.pin]
+    held = [pin.holds(unit) for pin in jello.pin]
     lower_first = np.where(springs[:, :1] < springs[:, 1:], 1.0, -1.0)
     return Body(
         rest=rest,

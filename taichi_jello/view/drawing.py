@@ -6,6 +6,7 @@ import numpy as np
 from taichi_jello.body import Body
 from taichi_jello.law import NOTHING, Memory, law_at
 from taichi_jello.scene import COLORS, Scene
+from taichi_jello.torn import parted
 from taichi_jello.view import palette
 from taichi_jello.view.camera import Viewpoint
 from taichi_jello.view.embedded import Embedded
@@ -35,18 +36,30 @@ class Drawing:
         self.surroundings = Surroundings(scene) if scene.collider else None
         solids = [] if self.surroundings is None else [s for s in self.surroundings.surfaces if not s.level]
         self._solids = solids
+        self.springs = Springs(body) if len(body.springs) else None
+        self._whole: np.ndarray | None = None
+        self._dress(body)
+
+    def _dress(self, body: Body) -> None:
+        """Make what depends on the body's skins."""
         self.embedded = Embedded(body) if len(body.skin) else None
         self._skinned = self.count + (len(self.embedded) if self.embedded is not None else 0)
         # The particles, the points of embedded skins, and those of colliders that cast a shadow.
-        self._points = np.zeros((self._skinned + sum(len(s.points) for s in solids), 3), np.float32)
+        self._points = np.zeros((self._skinned + sum(len(s.points) for s in self._solids), 3), np.float32)
         self._speeds = np.zeros((self.count, 3), np.float32)
-        self.skin = Skin(body, self.embedded) if len(body.surface) else None
-        self.springs = Springs(body) if len(body.springs) else None
+        self.skin = Skin(body, self.embedded) if len(body.bare_surface) or self.embedded is not None else None
         self.shadows = self._make_shadows(body)
         # Particles outside an embedded skin are only its scaffold.
         self._inside = np.flatnonzero(body.inside) if self.embedded is not None else None
         shown = self.points if self._inside is None else self.points[self._inside]
         self._dots = Dots(shown, np.tile(palette.PARTICLE, (len(shown), 1)).astype(np.float32), _radius(body))
+
+    def _tear(self, whole: np.ndarray | None) -> None:
+        """Show what is left of the skins, if that has changed."""
+        whole = None if whole is None or whole.all() else whole
+        before, self._whole = self._whole, whole
+        if whole is not before and (whole is None or before is None or not np.array_equal(whole, before)):
+            self._dress(self.body if whole is None else parted(self.body, whole))
 
     @property
     def points(self) -> np.ndarray:
@@ -89,6 +102,8 @@ class Drawing:
             raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
         self.viewpoint = self.viewpoint if viewpoint is None else viewpoint
         look = look_from(self.viewpoint)
+        if self.changing:
+            self._tear(memory.get("whole"))
         self._points[: self.count], self._speeds[:] = x, v
         skin = self._points[self.count : self._skinned]
         if self.embedded is not None:

@@ -100,11 +100,14 @@ class Springs:
         self.law = law
         numbers = (law.rest_length, law.stiffness, law.damping)
         self.coefficients = [values[self._order].astype(np.float32) for values in numbers]
+        self.torn = None if law.whole is None else ~law.whole[self._order]
 
     def update(self, x: np.ndarray, v: np.ndarray, look: np.ndarray, color: str) -> None:
         shown = len(self.pairs) if self.everything else int(self._counts[1 if color == "family" else 0])
         self.lines = Lines(self._ends.x[: 2 * shown], self._ends.rgb[: 2 * shown], WIDTH)
         i, j = self.pairs[:shown].T
+        if self.torn is not None:  # a spring that is torn is a line of no length
+            j = np.where(self.torn[:shown], i, j)
         self.lines.x[0::2], self.lines.x[1::2] = a, b = x[i], x[j]
         clip(self.lines.x, look, TOWARDS_EYE)
         rest, stiffness, damping = (values[:shown] for values in self.coefficients)
@@ -116,10 +119,14 @@ class Springs:
         elif color == "stiffness":
             rgb, self.key = self._by_stiffness(firm * stiffness)
         elif color == "strain":
-            rgb, self.key = self._by_load(color, strains(b - a, rest))
+            rgb, self.key = self._by_load(color, self._strains(b - a, rest, shown))
         else:
             rgb, self.key = self._by_load(color, loads(b - a, v[j] - v[i], rest, firm * stiffness, thick * damping))
         self.lines.rgb.reshape(-1, 2, 3)[:] = rgb
+
+    def _strains(self, d: np.ndarray, rest: np.ndarray, shown: int) -> np.ndarray:
+        strain = strains(d, rest)
+        return strain if self.torn is None else np.where(self.torn[:shown], 0.0, strain)
 
     def _by_load(self, color: str, load: np.ndarray) -> tuple[np.ndarray, Key]:
         self.load = load = np.where(np.isfinite(load), load, np.float32(np.inf))

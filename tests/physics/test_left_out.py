@@ -3,7 +3,19 @@
 import pytest
 from taichi.lang.kernel_impl import Func
 
-from taichi_jello import Box, Contact, Pin, Plane, Scene, Simulation, Sphere, UniformField
+from taichi_jello import (
+    Box,
+    Contact,
+    GravityKeyframe,
+    Keyframe,
+    Move,
+    Pin,
+    Plane,
+    Scene,
+    Simulation,
+    Sphere,
+    UniformField,
+)
 from taichi_jello.explain import facts
 
 CUBE = Box(points=(3, 3, 3))
@@ -20,6 +32,12 @@ def taichi(best_precision):
         ("contact", {"collider": [Plane()]}),
         ("drag", {"drag": 0.5}),
         ("uniform field", {"force": [UniformField(force=(0.0, 0.1, 0.0))]}),
+        ("keyframes of jellos", {"jello": [Box(points=(3, 3, 3), keyframe=[Keyframe(time=1.0, stiffness=0.5)])]}),
+        ("keyframes of gravity", {"keyframe": [GravityKeyframe(time=0.0, gravity=(0.0, 0.0, 0.0))]}),
+        ("handles", {"jello": [Box(points=(3, 3, 3), pin=[Pin(keyframe=[Move(time=0.0, offset=(0, 0, 0))])])]}),
+        ("creep", {"jello": [Box(points=(3, 3, 3), creep=1.0)]}),
+        ("yield", {"jello": [Box(points=(3, 3, 3), yield_strain=1.0)]}),
+        ("tearing", {"jello": [Box(points=(3, 3, 3), tear_strain=1.0)]}),
         ("pins", {"jello": [Box(points=(3, 3, 3), pin=[Pin(max=(0.0, 1.0, 1.0))])]}),
     ],
 )

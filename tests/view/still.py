@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from taichi_jello.body import join
+from taichi_jello.assembly import assembled
 from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.scene import Camera, Scene
 from taichi_jello.shapes.lattice import Box
@@ -17,7 +17,7 @@ class Still:
 
     def __init__(self, scene: Scene):
         self.scene, self.frame_dt, self.time, self.resets = scene, scene.solver.frame_dt, 0.0, 0
-        self.body = join([jello.body() for jello in scene.jello])
+        self.body = assembled(scene)
         self.tuning = {"stiffness": 1.0, "damping": 1.0, "gravity": (0.0, -9.81, 0.0), "friction": 0.3}
         self.tuning["wind"] = (0.0, 0.0, 0.0)
         self.held, self.calls, self.memory = None, [], {}

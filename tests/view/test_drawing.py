@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from still import Still, cube_scene
 
-from taichi_jello import runtime
+from taichi_jello import Keyframe, Region, runtime
 from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.colliders.sphere import Sphere
 from taichi_jello.runtime import RuntimeProblem
@@ -169,3 +169,33 @@ def test_sharp_edges_of_an_embedded_skin_stay_sharp():
     embedded.update(body.x.astype(np.float32), points)
     assert np.sort(np.abs(embedded.normals), 1) == pytest.approx(np.tile([0.0, 0.0, 1.0], (24, 1)))
     assert np.einsum("ij,ij->i", embedded.normals, points) == pytest.approx(0.5)
+
+
+def test_torn_springs_and_the_skin_over_them_are_not_drawn():
+    still = Still(Scene(jello=(Box(points=(6, 4, 4), tear_strain=0.5),)))
+    drawing = drawing_at(still, color="strain")
+    drawn, faces = drawing.springs.lines.x.copy(), len(drawing.skin.triangles.index)
+    side = still.body.rest[:, 0][still.body.springs] > 0.0
+    memory = {"whole": side[:, 0] == side[:, 1], "rest_length": still.body.rest_length}
+    apart = still.body.x + np.where(still.body.x[:, :1] > 0.0, 0.7, 0.0)
+    drawing.update(apart, still.v, 0.0, color="strain", memory=memory)
+    ends = drawing.springs.lines.x.reshape(-1, 2, 3)
+    crosses = drawn.reshape(-1, 2, 3)[:, :, 0].prod(1) < 0.0
+    assert np.array_equal(np.all(ends[:, 0] == ends[:, 1], axis=1), crosses)
+    assert drawing.springs.load.max() < 1e-5
+    corners = drawing.skin.triangles.x[drawing.skin.triangles.index]
+    assert np.ptp(corners[:, :, 0], axis=1).max() < 0.5
+    drawing.update(still.x, still.v, 0.0)
+    assert len(drawing.skin.triangles.index) == faces
+
+
+def test_stiffness_is_read_off_the_legend():
+    half = Region(max=(0.5, 1.0, 1.0), stiffness=50.0)
+    melted = Keyframe(time=0.0, stiffness=0.5)
+    still = Still(Scene(jello=(Box(points=(4, 4, 4), region=[half], keyframe=[melted]),)))
+    drawing = drawing_at(still, color="stiffness")
+    assert (drawing.key.title, drawing.key.unit, drawing.key.most) == ("stiffness", "N/m", pytest.approx(100.0))
+    colors = np.unique(drawing.springs.lines.rgb, axis=0)
+    assert len(colors) == 2
+    assert any(np.allclose(color, ramp_table()[-1]) for color in colors)
+    assert any(np.allclose(color, ramp_table()[len(ramp_table()) // 4 - 1], atol=0.02) for color in colors)

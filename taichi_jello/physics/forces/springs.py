@@ -94,7 +94,7 @@ class Springs(ParticleForce):
     def resistance(self, material, i, j, x, p, c):
         """-H p of one spring on particle i: H = k[nnᵀ + (1 - R/L)(I - nnᵀ)] + damping/c nnᵀ, the second term only
         where the spring is stretched: across a compressed one it would be negative."""
-        m = self.materials[material]
+        m = self.materials[self.place(material, i)]
         d = x[j] - x[i] + ti.Vector([m[3], m[4], m[5]])
         u = p[j] - p[i]
         inverse_length = 1.0 / ti.sqrt(d.dot(d))

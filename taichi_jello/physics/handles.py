@@ -1,0 +1,32 @@
+"""Handles: pins that move, and the points they hold with them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from taichi_jello.body import Body
+from taichi_jello.keyframes import Move, offset
+from taichi_jello.region import places
+from taichi_jello.scene import Scene
+
+
+class Handles:
+    """The particles `held` (n,) by pins with keyframes. A later pin that holds a point too goes over an earlier one."""
+
+    def __init__(self, scene: Scene, body: Body):
+        self.path: list[tuple[np.ndarray, Sequence[Move]]] = []
+        for index, jello in enumerate(scene.jello):
+            own = np.flatnonzero(body.jello == index)
+            where = places(body.rest[own], body.rest[own])
+            self.path += [(own[pin.holds(where)], pin.keyframe) for pin in jello.pin]
+        moved = [held for held, rows in self.path if rows]
+        self.held = np.unique(np.concatenate(moved)) if moved else np.zeros(0, int)
+        self.x = body.x
+
+    def motion(self, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 3) each: where the held particles are at `start` [m] and the velocity that takes them in a straight line
+        to where they are at `end` [m/s]."""
+        here, there = np.zeros_like(self.x), np.zeros_like(self.x)
+        for held, rows in self.path:
+            here[held], there[held] = offset(rows, start), offset(rows, end)
+        return (self.x + here)[self.held], ((there - here) / (end - start))[self.held]
