@@ -18,6 +18,7 @@ from taichi_jello.checked import whole as whole
 from taichi_jello.keyframes import GravityKeyframe, Keyframe, Move, offset
 from taichi_jello.region import Region
 
+SHOWS = ("skin and springs", "all springs", "skin", "particles")
 COLORS = ("force", "strain", "stiffness", "family", "plain")
 
 
@@ -57,12 +58,13 @@ class Contact(Checked):
 @dataclass(frozen=True, kw_only=True)
 class Camera(Checked):
     """Where a picture is taken from: the eye, the point looked at [m] and the vertical field of view [degrees]; and
-    what the springs' colour shows."""
+    what is shown of jellos, and by the springs' colour."""
 
     eye: Vector = (2.6, 1.9, 3.6)
     target: Vector = (0.0, 0.6, 0.0)
     fov: float = 40.0
     color: str = "force"
+    show: str = SHOWS[0]
 
     def check(self) -> dict[str, Any]:
         checked = {"eye": vector("eye", self.eye), "target": vector("target", self.target)}
@@ -71,7 +73,8 @@ class Camera(Checked):
         fov = number("fov", self.fov, above=0.0)
         if fov >= 180.0:
             raise SceneError("fov", f"expected less than 180 degrees, got {fov:g}")
-        return checked | {"fov": fov, "color": word("color", self.color, COLORS)}
+        words = {"color": word("color", self.color, COLORS), "show": word("show", self.show, SHOWS)}
+        return checked | {"fov": fov} | words
 
 
 @dataclass(frozen=True, kw_only=True)

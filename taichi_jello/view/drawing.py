@@ -5,7 +5,7 @@ import numpy as np
 
 from taichi_jello.body import Body
 from taichi_jello.law import NOTHING, Memory, law_at
-from taichi_jello.scene import COLORS, Scene
+from taichi_jello.scene import COLORS, SHOWS, Scene
 from taichi_jello.torn import parted
 from taichi_jello.view import palette
 from taichi_jello.view.camera import Viewpoint
@@ -17,14 +17,17 @@ from taichi_jello.view.skin import Skin
 from taichi_jello.view.springs import Key, Springs
 from taichi_jello.view.surroundings import Surroundings
 
+SUNK = 0.05  # m into a floor to which an embedded skin is drawn upon it
+OVER = 0.0008  # of the eye's distance: over the shadow on it
 DOT = 0.055  # a particle's drawn radius, of the median structural spring
 LAYERS = ("skin", "springs", "particles")
+HIDDEN = dict(zip(SHOWS, (set(), {"skin"}, {"springs", "particles"}, {"skin", "springs"}), strict=True))
 
 
 class Drawing:
     """What one scene looks like now. Parts that the scene lacks are None and cost nothing.
 
-    `update` fills them for one moment and one viewpoint; `hidden` names the LAYERS that are left out.
+    `update` fills them for one moment and one viewpoint; `hidden` names the LAYERS that are left out: see `show`.
     """
 
     def __init__(self, scene: Scene, body: Body):
@@ -37,6 +40,7 @@ class Drawing:
         solids = [] if self.surroundings is None else [s for s in self.surroundings.surfaces if not s.level]
         self._solids = solids
         self.springs = Springs(body) if len(body.springs) else None
+        self.show(scene.camera.show)
         self._whole: np.ndarray | None = None
         self._dress(body)
 
@@ -60,6 +64,12 @@ class Drawing:
         before, self._whole = self._whole, whole
         if whole is not before and (whole is None or before is None or not np.array_equal(whole, before)):
             self._dress(self.body if whole is None else parted(self.body, whole))
+
+    def show(self, what: str) -> None:
+        """Draw what is named, one of SHOWS, from now on."""
+        self.hidden = set(HIDDEN[what])
+        if self.springs is not None:
+            self.springs.everything = what == "all springs"
 
     @property
     def points(self) -> np.ndarray:
@@ -115,6 +125,8 @@ class Drawing:
             self.surroundings.update(origins, look)
             for index, shadow in self.shadows:
                 shadow.update(self._points, origins[index], look)
+            if self.embedded is not None:
+                self._lay(skin, self.surroundings, origins, look[0])
         if self.springs is not None:
             if self.changing:
                 self.springs.obey(law_at(self.scene, self.body, time, memory))
@@ -128,6 +140,15 @@ class Drawing:
             if not surface.level:
                 self._points[start : start + len(surface.points)] = surface.points + origin
                 start += len(surface.points)
+
+    def _lay(self, skin: np.ndarray, surroundings: Surroundings, origins: np.ndarray, eye: np.ndarray) -> None:
+        """Draw what a penalty floor lets sink into it on the floor, that is visible through the rest."""
+        for surface, origin in zip(surroundings.surfaces, origins, strict=True):
+            if surface.level:
+                height = (skin - surface.points[0] - origin) @ surface.normal[0]
+                over = OVER * float(np.linalg.norm(eye - origin))
+                low = np.flatnonzero((height < over) & (height > -SUNK))
+                skin[low] += np.outer(over - height[low], surface.normal[0])
 
     @property
     def key(self) -> Key:

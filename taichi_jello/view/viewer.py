@@ -13,12 +13,12 @@ import numpy as np
 from taichi_jello.film import Film, FilmProblem
 from taichi_jello.record import write_png
 from taichi_jello.replay import ReplayOver
-from taichi_jello.scene import COLORS, Scene
+from taichi_jello.scene import COLORS, SHOWS, Scene
 from taichi_jello.simulation import Diverged, Simulation
 from taichi_jello.view import palette
 from taichi_jello.view.actions import HELP, KEYS
 from taichi_jello.view.camera import Viewpoint
-from taichi_jello.view.drawing import Drawing
+from taichi_jello.view.drawing import HIDDEN, Drawing
 from taichi_jello.view.gauges import Gauges
 from taichi_jello.view.hand import Hand, mark
 from taichi_jello.view.legend import Sheet, legend
@@ -31,12 +31,6 @@ from taichi_jello.words import counted
 FILM_RATE = 30  # frames a second of a film made in the window
 CLEARANCE = 0.05  # m between the floor and the eye
 ORBIT = 4.0  # rad for a drag across the whole height of the window
-SHOWS: tuple[tuple[str, frozenset[str]], ...] = (
-    ("skin and springs", frozenset()),
-    ("all springs", frozenset({"skin"})),
-    ("skin", frozenset({"springs", "particles"})),
-    ("particles", frozenset({"skin", "springs"})),
-)
 
 
 class Viewer:
@@ -59,7 +53,6 @@ class Viewer:
         self.folder, self.size = Path(folder).resolve(), (1280, 720)
         self.make = make
         self.paused = self.helping = self.panelled = self.leaving = self.photo = False
-        self.show = 0
         self.pace = Pace()
         self._drawn = 0.0  # s from one drawn frame to the next, lately
         self._button, self._at = "", (0.0, 0.0)
@@ -73,6 +66,7 @@ class Viewer:
         self.simulation, self.color = simulation, simulation.scene.camera.color
         self.drawing: Drawing = drawing_of(simulation)
         self.viewpoint = Viewpoint.of(simulation.scene.camera)
+        self.show = SHOWS.index(simulation.scene.camera.show)
         self.hand: Hand | None = None
         self.gauges = Gauges()
         self.notice, self._repeated = "", self.repeating
@@ -91,7 +85,7 @@ class Viewer:
     @property
     def shown(self) -> str:
         """What K chose to be drawn."""
-        return SHOWS[self.show][0]
+        return SHOWS[self.show]
 
     def show_next(self) -> None:
         self.show = (self.show + 1) % len(SHOWS)
@@ -111,7 +105,7 @@ class Viewer:
             return
         self._button, self._at = button, at
         if button == "left":
-            now, skin = self.simulation.snapshot(), "skin" not in SHOWS[self.show][1]
+            now, skin = self.simulation.snapshot(), "skin" not in HIDDEN[self.shown]
             found = pick(self.simulation.body, now.x, self.viewpoint, at, self.size, skin)
             if found is not None:
                 try:
@@ -222,10 +216,9 @@ class Viewer:
         """Fill the drawing from the simulation's state."""
         if self._repeated and not self.repeating:
             self._repeated, self.notice = False, "the replay is left: a new run from here"
-        self.drawing.hidden = set(SHOWS[self.show][1])
+        self.drawing.show(self.shown)
         if self.drawing.springs is not None:
             tuning = self.simulation.tuning
-            self.drawing.springs.everything = self.shown == "all springs"
             self.drawing.springs.scale = (tuning.get("stiffness", 1.0), tuning.get("damping", 1.0))
         now = self.simulation.snapshot()
         self.drawing.update(now.x, now.v, now.time, viewpoint=self.viewpoint, color=self.color, memory=now.memory)

@@ -8,11 +8,11 @@ import pytest
 from still import Still, cube_scene
 
 from taichi_jello.physics.integrators import schemes
-from taichi_jello.scene import COLORS
+from taichi_jello.scene import COLORS, SHOWS
 from taichi_jello.simulation import Diverged
 from taichi_jello.view.actions import HELP, KEYS, WIND
 from taichi_jello.view.pace import BUDGET, MOST_FRAMES
-from taichi_jello.view.viewer import SHOWS, Viewer
+from taichi_jello.view.viewer import Viewer
 
 
 @pytest.fixture
@@ -158,7 +158,7 @@ def test_beside_the_jello_and_with_the_right_button_the_view_turns(viewer):
 
 
 def test_what_is_hidden_is_not_grabbed(viewer):
-    viewer.show = [name for name, _ in SHOWS].index("particles")
+    viewer.show = SHOWS.index("particles")
     grab_at(viewer)  # the middle of a side has no particle
     assert viewer.hand is None
     viewer.release("left")
