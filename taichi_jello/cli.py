@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import taichi_jello.sceneio as sceneio
-from taichi_jello import runtime
+from taichi_jello import energy_plot, runtime
 from taichi_jello.options import options, studies
 from taichi_jello.progress import bar
 from taichi_jello.replay import Recorded, Replay, Replayed, ReplayError, playable
 from taichi_jello.scene import Scene, SceneError, override
 from taichi_jello.simulation import Diverged, Simulation
+from taichi_jello.studies._report import FIGURES, Lacking, write_csv
+from taichi_jello.studies._report import write_json as write_figures
 from taichi_jello.trajectory import Trajectory, last_moment
 from taichi_jello.words import counted
 
@@ -43,7 +45,8 @@ def in_color(chosen: argparse.Namespace, scene: Scene) -> Scene:
 
 
 def step_as_asked(chosen: argparse.Namespace, scene: Scene) -> Simulation:
-    return Simulation(scene, method=chosen.method, dt=chosen.dt, substeps=chosen.substeps)
+    ledger = getattr(chosen, "ledger", False)
+    return Simulation(scene, method=chosen.method, dt=chosen.dt, substeps=chosen.substeps, ledger=ledger)
 
 
 def make_simulation(chosen: argparse.Namespace, scene: Scene) -> Simulation:
@@ -113,6 +116,8 @@ def do_list(chosen: argparse.Namespace) -> None:
 
 def do_run(chosen: argparse.Namespace) -> None:
     path = output(chosen.output, ".npz")
+    plot_path = output(chosen.plot, *FIGURES, option="--plot") if chosen.plot else None
+    chosen.ledger = chosen.ledger or plot_path is not None
     scene = make_scene(chosen)
     stepped, simulation, seconds = make_run(chosen, scene)
     trajectory = Trajectory(simulation)
@@ -135,6 +140,21 @@ def do_run(chosen: argparse.Namespace) -> None:
         chosen,
         f"{path}: {counted(len(trajectory.moments), 'moment')} to {simulation.time:.6g} s; energies [J] {energy}",
     )
+    if chosen.ledger:
+        work = ", ".join(f"{name} {joules:.4g}" for name, joules in simulation.work.items())
+        say(chosen, f"work [J] {work or 'none'}; residual {simulation.energy_residual:.3g}")
+    if plot_path:
+        with plotting(plot_path):
+            energy_plot.draw(trajectory.arrays(), scene.title or chosen.scene, plot_path)
+
+
+@contextlib.contextmanager
+def plotting(path: Path) -> Iterator[None]:
+    """Tell what lacks for a plot as a mistake."""
+    try:
+        yield
+    except Lacking as error:
+        raise Mistake(f"--plot {path}: {error}") from None
 
 
 @contextlib.contextmanager
@@ -242,8 +262,6 @@ def do_explain(chosen: argparse.Namespace) -> None:
 
 
 def do_study(chosen: argparse.Namespace) -> None:
-    from taichi_jello.studies import _report
-
     found = studies()
     if chosen.name not in found:
         raise Mistake(f"study: expected one of {', '.join(found)}, got {chosen.name!r}")
@@ -253,19 +271,17 @@ def do_study(chosen: argparse.Namespace) -> None:
             raise Mistake(f"{option}: the study {chosen.name} has none")
     json_path = output(chosen.json, option="--json") if chosen.json else None
     csv_path = output(chosen.csv, option="--csv") if chosen.csv else None
-    plot_path = output(chosen.plot, *getattr(study, "PLOTS", _report.FIGURES), option="--plot") if chosen.plot else None
+    plot_path = output(chosen.plot, *getattr(study, "PLOTS", FIGURES), option="--plot") if chosen.plot else None
     chosen.load = functools.partial(make_scene, chosen)
     told = study.measure(chosen)
     say(chosen, study.text(told))
     if json_path:
-        _report.write_json(json_path, told)
+        write_figures(json_path, told)
     if csv_path:
-        _report.write_csv(csv_path, study.rows(told))
+        write_csv(csv_path, study.rows(told))
     if plot_path:
-        try:
+        with plotting(plot_path):
             study.plot(told, plot_path)
-        except _report.Lacking as error:
-            raise Mistake(f"--plot {plot_path}: {error}") from None
 
 
 def main(arguments: list[str] | None = None) -> int:

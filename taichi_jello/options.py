@@ -104,6 +104,9 @@ def options() -> Parser:
     run.add_argument("-o", "--output", required=True, metavar="OUT.npz")
     run.add_argument("--seconds", type=not_negative, metavar="S", help="how long to simulate")
     run.add_argument("--every", type=positive, metavar="S", help="time between saved moments, by default a frame")
+    for command in (play, run):
+        command.add_argument("--ledger", action="store_true", help="book the work of dashpots, friction and the like")
+    run.add_argument("--plot", metavar="FILE", help="draw energies, work and the method's error there; keeps a ledger")
     shot = add("shot", "one picture", [scene, drawing, replay])
     shot.add_argument("-o", "--output", required=True, metavar="OUT.png")
     shot.add_argument("--at", type=not_negative, default=1.0, metavar="S", help="the moment, by default 1 s")

@@ -156,6 +156,11 @@ class Simulation:
         return total
 
     @property
+    def keeps_ledger(self) -> bool:
+        """Whether it was made with ledger=True."""
+        return self._books is not None
+
+    @property
     def energy_residual(self) -> float:
         """[J] By how much the energy is more than what there was at the last `restore` and all `work` since: the error
         of the method, of its step and of rounding. Raises ValueError without a ledger."""

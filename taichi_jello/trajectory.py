@@ -17,13 +17,17 @@ class Trajectory:
     def __init__(self, simulation: Simulation):
         self.simulation = simulation
         self.moments: list[tuple[Snapshot, dict[str, float]]] = []
+        self.books: list[dict[str, float]] = []  # of a simulation with a ledger
 
     def add(self) -> None:
         self.moments.append((self.simulation.snapshot(), self.simulation.energies()))
+        if self.simulation.keeps_ledger:
+            work = {f"work_{name.replace(' ', '_')}": joules for name, joules in self.simulation.work.items()}
+            self.books.append(work | {"energy_residual": self.simulation.energy_residual})
 
     def arrays(self) -> dict[str, Any]:
         """F moments, N particles, S springs, T triangles: time (F,), x and v (F, N, 3), energy_* (F,), the body's
-        arrays, dt and method."""
+        arrays, dt and method; with a ledger also work_* (F,), done until then, and energy_residual (F,)."""
         body, simulation = self.simulation.body, self.simulation
         names = ("mass", "jello", "springs", "rest_length", "stiffness", "damping", "family", "surface")
         return (
@@ -34,6 +38,11 @@ class Trajectory:
             }
             | {name: getattr(body, name) for name in names}
             | {f"energy_{kind}": np.array([energy[kind] for _, energy in self.moments]) for kind in ENERGIES}
+            | {
+                name: np.array([book.get(name, 0.0) for book in self.books])
+                for book in self.books[-1:]
+                for name in book
+            }
             | {"dt": np.array(simulation.dt), "method": np.array(simulation.method)}
         )
 

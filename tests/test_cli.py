@@ -159,7 +159,7 @@ def test_vulkan_runs_the_same_kernels_and_gpu_takes_no_software_driver(jello, sm
 MISTAKES = [
     (("run", "cake", "-o", "x.npz"), "cake: expected a demo"),
     (("run", "nothing.toml", "-o", "x.npz"), "nothing.toml: there is no such file"),
-    (("run", "small.toml", "-o", "x.npz", "--method", "leapfrog"), "expected one of euler"),
+    (("run", "small.toml", "-o", "x.npz", "--method", "leapfrog"), "solver.method: expected one of"),
     (("run", "small.toml", "-o", "x.npz", "--dt", "0"), "--dt: expected a number greater than 0"),
     (("run", "small.toml", "-o", "x.npz", "--seconds", "nan"), "--seconds: expected a number greater than 0"),
     (("run", "small.toml", "-o", "x.npz", "--threads", "0"), "--threads: expected a whole number of at least 1"),
@@ -175,6 +175,8 @@ MISTAKES = [
     (("shot", "small.toml", "-o", "x.png", "--arch", "tpu"), "invalid choice: 'tpu'"),
     (("explain", "small.toml", "--json", "no/such.json"), "--json no/such.json: No such file"),
     (("study", "beauty"), "study: expected one of"),
+    (("run", "small.toml", "-o", "x.npz", "--plot", "no/x.png"), "--plot no/x.png: expected a file in a folder"),
+    (("study", "accuracy", "--method", "rk5"), "solver.method: expected one of"),
     (("study", "speed", "--plot", "x.png"), "--plot: the study speed has none"),
     (("dance",), "invalid choice: 'dance'"),
 ]
@@ -208,3 +210,15 @@ def test_study_speed_measures_and_writes_json(jello, tmp_path):
     numpy = next(row for row in told["numpy_gather"] if row["n"] == 8)
     assert cube["million_springs_per_second"] > 10 * numpy["million_springs_per_second"]
     assert {row["renderer"] for row in told["renderers"]} >= {"raster"}
+
+
+def test_a_ledger_is_kept_and_drawn_where_it_is_asked_for(jello, small, tmp_path):
+    done = jello("run", small, "-o", "out.npz", "--plot", "out.png")
+    assert done.returncode == 0 and "work [J]" in done.stdout and "residual" in done.stdout, done.stderr
+    assert (tmp_path / "out.png").read_bytes()[:4] == b"\x89PNG"
+    with np.load(tmp_path / "out.npz") as out:
+        energy = sum(out[f"energy_{kind}"] for kind in ("kinetic", "elastic", "gravity", "contact"))
+        work = sum(out[name] for name in out.files if name.startswith("work_"))
+        assert {"work_dashpots", "work_friction", "work_contact_dashpots"} <= set(out.files)
+        assert out["energy_residual"] == pytest.approx(energy - energy[0] - work, abs=1e-9)
+        assert work[-1] < 0.0

@@ -15,11 +15,13 @@ ENERGIES = ("kinetic", "elastic", "gravity")
 
 
 class Gauges:
-    """`past`: rows of time [s] and the ENERGIES [J], the oldest first; `force`: the largest spring force [N]."""
+    """`past`: rows of time [s] and the ENERGIES [J], the oldest first; `force`: the largest spring force [N];
+    `books`: of a simulation with a ledger, all work done on the jellos and the residual [J]."""
 
     def __init__(self) -> None:
         self.past: deque[tuple[float, ...]] = deque()
         self.force = 0.0
+        self.books: tuple[float, float] | None = None
         self._next = 0.0
 
     def read(self, simulation: Any, x: np.ndarray, v: np.ndarray) -> None:
@@ -31,6 +33,8 @@ class Gauges:
             self.past.clear()
         energies = simulation.energies()
         self.past.append((now, *(energies[name] for name in ENERGIES)))
+        if simulation.keeps_ledger:
+            self.books = sum(simulation.work.values()), simulation.energy_residual
         while now - self.past[0][0] > SPAN:
             self.past.popleft()
         start = time.perf_counter()

@@ -105,4 +105,6 @@ def readings(gui: Any, viewer: Viewer) -> None:
     if viewer.gauges.past:
         for name, joules in zip(ENERGIES, viewer.gauges.past[-1][1:], strict=True):
             gui.text(f"{name} energy {joules:.4g} J")
+        if viewer.gauges.books:
+            gui.text("work {:.4g} J, residual {:.2g} J".format(*viewer.gauges.books))
         gui.text(f"largest spring force {viewer.gauges.force:.3g} N")

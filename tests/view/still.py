@@ -40,6 +40,8 @@ class Still:
         self.time, self.resets = 0.0, self.resets + 1
         self.put(self.body.x)
 
+    keeps_ledger = False
+
     def energies(self) -> dict[str, float]:
         return {"kinetic": 1.0 + self.time, "elastic": 2.0, "gravity": -3.0, "contact": 0.0}
 

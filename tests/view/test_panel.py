@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from still import Still, cube_scene
 
+from taichi_jello import Box, Scene, Simulation
 from taichi_jello.view.gauges import SPAN, Gauges, largest_force
 from taichi_jello.view.legend import Sheet
 from taichi_jello.view.panel import Panel
@@ -149,3 +150,14 @@ def test_lines_are_stamped_into_a_picture():
     sheet.line(np.array([[10.0, 30.0], [70.0, 30.0]]), 4.0, (0.0, 0.0, 0.0))
     sheet.stamp(image)
     assert image[30, 40].max() == 0 and image[30, 5].min() == 255 and image[20, 40].min() == 255
+
+
+def test_gauges_read_the_ledger_where_there_is_one(viewer):
+    gauges = Gauges()
+    gauges.read(viewer.simulation, viewer.simulation.x, viewer.simulation.v)
+    assert gauges.books is None
+    booked = Simulation(Scene(jello=[Box(points=(2, 2, 2))], drag=1.0), ledger=True)
+    booked.frame()
+    gauges.read(booked, booked.x, booked.v)
+    work, residual = gauges.books
+    assert work < 0.0 and abs(residual) < 1e-3 * abs(work)
