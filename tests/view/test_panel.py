@@ -156,7 +156,7 @@ def test_gauges_read_the_ledger_where_there_is_one(viewer):
     gauges = Gauges()
     gauges.read(viewer.simulation, viewer.simulation.x, viewer.simulation.v)
     assert gauges.books is None
-    booked = Simulation(Scene(jello=[Box(points=(2, 2, 2))], drag=1.0), ledger=True)
+    booked = Simulation(Scene(jello=[Box(points=(2, 2, 2))], drag=1.0), ledger=True, substeps=50)
     booked.frame()
     gauges.read(booked, booked.x, booked.v)
     work, residual = gauges.books
