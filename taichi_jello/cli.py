@@ -57,7 +57,7 @@ def make_simulation(chosen: argparse.Namespace, scene: Scene) -> Simulation:
         raise Mistake(str(sceneio.located(chosen.scene, error))) from None
     if chosen.from_state:
         try:
-            simulation.restore(last_moment(Path(chosen.from_state)))
+            simulation.restore(last_moment(Path(chosen.from_state), simulation.body))
         except OSError as error:
             raise Mistake(f"--from {chosen.from_state}: {error.strerror or error}") from None
         except ValueError as error:
@@ -233,7 +233,7 @@ def play_in_window(chosen: argparse.Namespace) -> None:
 
 
 def do_play(chosen: argparse.Namespace) -> None:
-    from taichi_jello.record import write_png
+    from taichi_jello.record import unused, write_png
     from taichi_jello.view import film_strip, window_problem
 
     if chosen.log and (chosen.replay or chosen.from_state):
@@ -244,11 +244,11 @@ def do_play(chosen: argparse.Namespace) -> None:
         return
     if chosen.log:
         raise Mistake(f"--log {chosen.log}: there is nothing to record without a window: {problem}")
-    stepped, simulation, _ = make_run(chosen, make_scene(chosen))
-    path = output(f"{Path(chosen.scene).stem}.png", ".png")
+    stepped, simulation, seconds = make_run(chosen, make_scene(chosen))
+    path = output(unused(Path(f"{Path(chosen.scene).stem}.png")).name, ".png")
     say(chosen, f"no window: {problem}; drawing offscreen instead")
     with last_good_kept(simulation, path):
-        strip = film_strip(stepped, chosen.size, renderer=chosen.renderer)
+        strip = film_strip(stepped, chosen.size, renderer=chosen.renderer, seconds=seconds)
     write_png(path, strip)
     print(path.resolve())
 

@@ -5,7 +5,7 @@ import sys
 import tomllib
 from typing import Any, NoReturn
 
-from taichi_jello import runtime
+from taichi_jello import __version__, runtime
 from taichi_jello.plugins import modules
 from taichi_jello.scene import COLORS
 
@@ -27,7 +27,13 @@ def positive(text: str) -> float:
 
 
 def not_negative(text: str) -> float:
-    return 0.0 if text in ("0", "0.0") else positive(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected a number of at least 0, got {text!r}")
+    return value
 
 
 def count(text: str) -> int:
@@ -68,6 +74,7 @@ def setting(text: str) -> tuple[str, Any]:
 def options() -> Parser:
     """The whole grammar."""
     parser = Parser(prog="jello", description="Real-time mass-spring jello. Without a command: play the cube.")
+    parser.add_argument("--version", action="version", version=f"taichi_jello {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
 
     scene = Parser(add_help=False)

@@ -4,6 +4,7 @@ import os
 import struct
 import tempfile
 import zlib
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,12 @@ def write_png(path: str | os.PathLike[str], image: np.ndarray) -> None:
     except BaseException:
         os.unlink(temporary)
         raise
+
+
+def unused(path: Path) -> Path:
+    """The path, or with a number that makes it one that is not there yet: x.png, x-2.png, x-3.png."""
+    names = chain([path.name], (f"{path.stem}-{again}{path.suffix}" for again in count(2)))
+    return next(path.with_name(name) for name in names if not path.with_name(name).exists())
 
 
 def _umask() -> int:

@@ -288,4 +288,6 @@ def override(part: Any, path: Sequence[str], value: Any, key: str = "") -> Any:
         return (*part[: int(head)], new, *part[int(head) + 1 :])
     if isinstance(part, dict) and not rest:
         return part | {head: value}
+    if isinstance(part, float) and head in FAMILIES and not rest:  # one number for all families
+        return dict.fromkeys(FAMILIES, part) | {head: value}
     raise SceneError(key, "unknown key")

@@ -111,6 +111,9 @@ class Simulation:
             return max(1, ceil(self.frame_dt / safe * (1.0 - 1e-9)))
         else:
             chosen = max(1, ceil(self.frame_dt / float(dt) * (1.0 - 1e-9)))
+            if float(dt) > self.frame_dt * (1.0 + 1e-6):
+                told = f"dt = {float(dt):.3g} s is longer than a frame: steps are {self.frame_dt:.3g} s"
+                warnings.warn(told, StepWarning, stacklevel=3)
         if self.frame_dt / chosen > safe * (1.0 + 1e-6):
             warnings.warn(
                 f"dt = {self.frame_dt / chosen:.3g} s is beyond the largest safe step of {self.method}, {safe:.3g} s",

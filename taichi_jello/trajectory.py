@@ -7,8 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from taichi_jello.body import Body
 from taichi_jello.physics.system import ENERGIES
 from taichi_jello.simulation import Simulation, Snapshot
+
+# What a state and a scene must have in common, and how nearly: their shapes, not what they are made of.
+SAME = {"jello": 0.0, "springs": 0.0, "rest_length": 1e-6}
 
 
 class Trajectory:
@@ -57,10 +61,10 @@ class Trajectory:
             part.unlink(missing_ok=True)
 
 
-def last_moment(path: Path) -> Snapshot:
+def last_moment(path: Path, body: Body) -> Snapshot:
     """The last moment in an NPZ written by `jello run`, or its bare arrays x and v (N, 3), then at time 0.
 
-    Raises ValueError saying what the file lacks, OSError if it cannot be read.
+    Raises ValueError saying what the file lacks or that it is of another body, OSError if it cannot be read.
     """
     with path.open("rb") as file:
         if not zipfile.is_zipfile(file):
@@ -71,6 +75,10 @@ def last_moment(path: Path) -> Snapshot:
             if missing:
                 raise ValueError(f"expected arrays x and v, {' and '.join(missing)} missing")
             x, v = arrays["x"], arrays["v"]
+            for name, close in SAME.items():
+                own = getattr(body, name)
+                if name in arrays and (arrays[name].shape != own.shape or not np.allclose(arrays[name], own, close)):
+                    raise ValueError(f"{name}: expected a state of this scene, it is of another one")
             time = float(arrays["time"].ravel()[-1]) if "time" in arrays and arrays["time"].size else 0.0
     except (zipfile.BadZipFile, EOFError):
         raise ValueError("expected a whole NPZ file, this one is damaged") from None

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from taichi_jello import runtime
+from taichi_jello import __version__, cli, runtime
 
 SMALL = """
 title = "Small"
@@ -100,12 +100,33 @@ def test_play_without_a_screen_says_so_and_names_its_picture(jello, tmp_path, mo
     assert "no window:" in done.stdout
     named = done.stdout.splitlines()[-1]
     assert named == str((tmp_path / "family.png").resolve()) and (tmp_path / "family.png").is_file()
+    done = jello("play", "family", "--size", "320x200")
+    assert done.stdout.splitlines()[-1] == str((tmp_path / "family-2.png").resolve())  # nothing is overwritten
+
+
+def test_a_state_of_another_scene_is_no_state_to_start_from(jello, small, tmp_path):
+    assert jello("run", small, "-o", "small.npz", "--seconds", "0").stdout.startswith("small.npz: 1 moment to 0 s")
+    for setting, word in (("jello.0.size=[1, 1, 2]", "rest_length"), ('jello.0.springs=["structural"]', "springs")):
+        done = jello("run", small, "-o", "x.npz", "--set", setting, "--from", "small.npz")
+        assert done.returncode == 2 and f"{word}: expected a state of this scene" in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+    # Another material in the same shape may go on from there.
+    settings = ("--set", "jello.0.stiffness.shear=70", "--seconds", "0.01")
+    assert jello("run", small, "-o", "x.npz", *settings, "--from", "small.npz").returncode == 0
+    with np.load(tmp_path / "x.npz") as out:
+        assert {(f, k) for f, k in zip(out["family"], out["stiffness"], strict=True)} == {(0, 200), (1, 70), (2, 200)}
 
 
 def test_a_long_step_warns_once(jello, small):
     done = jello("run", small, "-o", "out.npz", "--dt", "0.01", "--seconds", "0")
     assert done.returncode == 0
     assert done.stderr.count("beyond the largest safe step of rk4") == 1 and len(done.stderr.splitlines()) == 1
+
+
+def test_a_step_longer_than_a_frame_is_told(jello, small):
+    done = jello("run", small, "-o", "out.npz", "--dt", "0.1", "--seconds", "0")
+    assert done.returncode == 0
+    assert done.stderr.count("dt = 0.1 s is longer than a frame: steps are 0.0167 s") == 1
 
 
 def test_bad_numbers_exit_with_3_and_keep_the_last_good_state(jello, small, tmp_path):
@@ -156,12 +177,19 @@ def test_vulkan_runs_the_same_kernels_and_gpu_takes_no_software_driver(jello, sm
         assert done.returncode == 0, done.stderr
 
 
+def test_the_version_is_told(capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(["--version"])
+    assert end.value.code == 0 and capsys.readouterr().out == f"taichi_jello {__version__}\n"
+
+
 MISTAKES = [
+    (("run", "cube", "-o", "x.npz", "--seconds", "-1"), "--seconds: expected a number of at least 0, got '-1'"),
     (("run", "cake", "-o", "x.npz"), "cake: expected a demo"),
     (("run", "nothing.toml", "-o", "x.npz"), "nothing.toml: there is no such file"),
     (("run", "small.toml", "-o", "x.npz", "--method", "leapfrog"), "solver.method: expected one of"),
     (("run", "small.toml", "-o", "x.npz", "--dt", "0"), "--dt: expected a number greater than 0"),
-    (("run", "small.toml", "-o", "x.npz", "--seconds", "nan"), "--seconds: expected a number greater than 0"),
+    (("run", "small.toml", "-o", "x.npz", "--seconds", "nan"), "--seconds: expected a number of at least 0"),
     (("run", "small.toml", "-o", "x.npz", "--threads", "0"), "--threads: expected a whole number of at least 1"),
     (("run", "small.toml", "-o", "x.png"), "expected a name ending in .npz"),
     (("run", "small.toml", "-o", "no/such/x.npz"), "expected a file in a folder that exists"),

@@ -9,6 +9,7 @@ from taichi_jello.view.camera import NEAR, Viewpoint
 from taichi_jello.view.legend import PEN, Sheet
 from taichi_jello.view.picking import Pick
 
+FARTHEST = 50.0  # m from the eye
 AWAY = 2.0  # e-folds of the distance for a drag over the window's whole height
 RING = np.linspace(0.0, 2.0 * np.pi, 25)
 
@@ -27,7 +28,8 @@ class Hand:
         axes = viewpoint.axes()
         if away:
             arm *= np.exp(AWAY * up)
-            arm *= max(1.0, 2.0 * NEAR / np.linalg.norm(arm))
+            far = float(np.linalg.norm(arm))
+            arm *= float(np.clip(far, 2.0 * NEAR, FARTHEST)) / far
         else:
             arm += (right * axes[0] + up * axes[1]) * -(arm @ axes[2]) / viewpoint.pixels_per_meter(1)
         self.target = viewpoint.eye + arm

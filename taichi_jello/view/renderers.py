@@ -95,12 +95,17 @@ def picture(
 
 
 def film_strip(
-    simulation: Any, size: tuple[int, int] = (1280, 720), renderer: str = "auto", columns: int = 2
+    simulation: Any,
+    size: tuple[int, int] = (1280, 720),
+    renderer: str = "auto",
+    columns: int = 2,
+    seconds: float | None = None,
 ) -> np.ndarray:
-    """One picture (height, width, 3) uint8 of columns² moments, row by row, from now to the end of the scene.
+    """One picture (height, width, 3) uint8 of columns² moments, row by row, from now to `seconds`, by default the
+    scene's.
 
     The simulation runs on to there."""
-    seconds, start = simulation.scene.seconds, simulation.time
+    seconds, start = simulation.scene.seconds if seconds is None else seconds, simulation.time
     drawing = drawing_of(simulation)
     width, height = size[0] // columns, size[1] // columns
     strip = np.full((size[1], size[0], 3), 255, np.uint8)

@@ -4,14 +4,13 @@ import contextlib
 import os
 import time
 from collections.abc import Callable, Iterator
-from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from taichi_jello.film import Film, FilmProblem
-from taichi_jello.record import write_png
+from taichi_jello.record import unused, write_png
 from taichi_jello.replay import ReplayOver
 from taichi_jello.scene import COLORS, SHOWS, Scene
 from taichi_jello.simulation import Diverged, Simulation
@@ -23,11 +22,12 @@ from taichi_jello.view.gauges import Gauges
 from taichi_jello.view.hand import Hand, mark
 from taichi_jello.view.legend import Sheet, legend
 from taichi_jello.view.pace import Pace
-from taichi_jello.view.picking import Place, pick
+from taichi_jello.view.picking import Pick, Place, pick, pick_skin, ray
 from taichi_jello.view.plot import plot
 from taichi_jello.view.renderers import drawing_of
 from taichi_jello.words import counted
 
+TOUCH = 0.01  # m that a jello may be pressed into what it touches
 FILM_RATE = 30  # frames a second of a film made in the window
 CLEARANCE = 0.05  # m between the floor and the eye
 ORBIT = 4.0  # rad for a drag across the whole height of the window
@@ -107,11 +107,20 @@ class Viewer:
         if button == "left":
             now, skin = self.simulation.snapshot(), "skin" not in HIDDEN[self.shown]
             found = pick(self.simulation.body, now.x, self.viewpoint, at, self.size, skin)
-            if found is not None:
+            if found is not None and not self._hidden(found, at):
                 try:
                     self.hand = Hand(self.simulation, found)
                 except ValueError as error:
                     self.notice = str(error)
+
+    def _hidden(self, found: Pick, at: Place) -> bool:
+        """Whether a collider, as it was drawn last, is in front of what was found."""
+        around = self.drawing.surroundings
+        if around is None or not len(around.triangles.x):
+            return False
+        front = pick_skin(around.triangles.x, around.triangles.index, *ray(self.viewpoint, at, self.size))
+        far, near = (float(np.linalg.norm(p.point - self.viewpoint.eye)) if p else np.inf for p in (found, front))
+        return near < far - TOUCH
 
     def move(self, at: Place, away: bool = False) -> None:
         """The mouse is at `at` now; away: it pulls along the line of sight."""
@@ -235,6 +244,8 @@ class Viewer:
             words += "   paused"
         elif abs(self.pace.speed - 1.0) > 0.05:
             words += f"   real time x {self.pace.speed:.2f}"
+        if self.simulation.dt > self.simulation.safe_dt * (1.0 + 1e-6):
+            words += "   unsafe dt"
         sheet.text(words, size[0] - 28.0 * s, 40.0 * s, 12.5 * s, align=1.0)
         sheet.text(self.simulation.scene.title or "jello", 28.0 * s, 40.0 * s, 12.5 * s)
         sheet.text(self.notice or "H: help", 28.0 * s, 62.0 * s, 10.0 * s, palette.INK if self.notice else palette.EDGE)
@@ -301,9 +312,7 @@ class Viewer:
     def _named(self, suffix: str) -> Path:
         """A file of the folder that is not there yet, named after scene and time."""
         title = "".join(c if c.isalnum() or c in "-_" else "-" for c in self.simulation.scene.title) or "jello"
-        name = f"{title}-{self.simulation.time:.3f}s"
-        paths = (self.folder / f"{name}{again}{suffix}" for again in chain([""], map("-{}".format, count(2))))
-        return next(path for path in paths if not path.exists())
+        return unused(self.folder / f"{title}-{self.simulation.time:.3f}s{suffix}")
 
     def save(self, image: np.ndarray) -> None:
         """Write the picture into the folder, named after scene and time; says in `notice` where, or why

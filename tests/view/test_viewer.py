@@ -1,12 +1,14 @@
 """The viewer's keys, mouse and clock, without a window."""
 
 import time
+from dataclasses import replace
 
 import av
 import numpy as np
 import pytest
 from still import Still, cube_scene
 
+from taichi_jello.physics.colliders.sphere import Sphere
 from taichi_jello.physics.integrators import schemes
 from taichi_jello.scene import COLORS, SHOWS
 from taichi_jello.simulation import Diverged
@@ -140,7 +142,9 @@ def test_shift_pulls_along_the_line_of_sight(viewer):
     after = viewer.simulation.held.target
     assert viewer.viewpoint.project(after[None], viewer.size)[0] == pytest.approx(at, abs=1e-3)
     assert np.linalg.norm(after - viewer.viewpoint.eye) > np.linalg.norm(before - viewer.viewpoint.eye) * 1.1
-    viewer.move((at[0], at[1] + 1e5), away=True)
+    for far in (-1e5, 1e5):
+        viewer.move((at[0], at[1] + far), away=True)
+        assert np.linalg.norm(viewer.simulation.held.target - viewer.viewpoint.eye) < 51.0
     assert np.isfinite(viewer.viewpoint.project(viewer.simulation.held.target[None], viewer.size)).all()
 
 
@@ -155,6 +159,19 @@ def test_beside_the_jello_and_with_the_right_button_the_view_turns(viewer):
         eye = viewer.viewpoint.eye.copy()
         viewer.move((at[0] + 90.0, at[1]))
         assert viewer.viewpoint.eye == pytest.approx(eye)
+
+
+def test_behind_a_collider_nothing_is_grabbed(tmp_path):
+    """A ball of 0.3 m between the eye and the cube hides its middle, not its corner."""
+    scene = cube_scene(points=4)
+    ball = Sphere(center=(0.0, 0.7, 1.5), radius=0.3)
+    viewer = Viewer(Still(replace(scene, collider=(*scene.collider, ball))), folder=tmp_path)
+    viewer.update()
+    grab_at(viewer)
+    assert viewer.hand is None
+    viewer.release("left")
+    grab_at(viewer, (0.45, 0.05, 0.5))
+    assert viewer.hand is not None
 
 
 def test_what_is_hidden_is_not_grabbed(viewer):
@@ -223,6 +240,14 @@ def test_f_looks_at_the_jello_wherever_it_is(viewer):
 
 def test_m_goes_to_the_next_method_once_that_was_told(viewer):
     names = list(schemes())
+    viewer.simulation.safe_dt = 1e-9
+    viewer.handle_key("m")
+    viewer.catch_up()
+    assert "is beyond its safe 1e-09 s" in viewer.notice
+    viewer.update()
+    assert any("unsafe dt" in text.words for text in viewer.sheet().texts)
+    viewer.simulation.safe_dt, viewer.simulation.method = 1.0, "rk4"
+    assert not any("unsafe dt" in text.words for text in viewer.sheet().texts)
     for k in range(len(names)):
         viewer.handle_key("m")
         assert viewer.notice.startswith("compiling") and viewer.catch_up() and not viewer.catch_up()
