@@ -27,9 +27,9 @@ class Hand:
         arm = self.target - viewpoint.eye
         axes = viewpoint.axes()
         if away:
-            arm *= np.exp(AWAY * up)
             far = float(np.linalg.norm(arm))
-            arm *= float(np.clip(far, 2.0 * NEAR, FARTHEST)) / far
+            wanted = far * np.exp(np.clip(AWAY * up, -50.0, 50.0))
+            arm *= float(np.clip(wanted, 2.0 * NEAR, FARTHEST)) / far
         else:
             arm += (right * axes[0] + up * axes[1]) * -(arm @ axes[2]) / viewpoint.pixels_per_meter(1)
         self.target = viewpoint.eye + arm
