@@ -1,6 +1,6 @@
-"""A tall jello melts over a ball into a puddle, which then freezes in its new shape."""
+"""A jello melts into a puddle, which freezes in its new shape and is kicked up by a ball from below."""
 
-from taichi_jello import Box, Camera, Contact, Keyframe, Plane, Scene
+from taichi_jello import Box, Camera, Contact, Keyframe, Move, Plane, Scene, Sphere
 
 
 def scene() -> Scene:
@@ -9,20 +9,32 @@ def scene() -> Scene:
         seconds=8.0,
         jello=[
             Box(
-                points=(8, 11, 8),
-                size=(0.8, 1.1, 0.8),
-                position=(0.0, 0.6, 0.0),
+                points=(9, 9, 9),
+                size=(0.9, 0.9, 0.9),
+                position=(0.0, 0.5, 0.0),
                 stiffness=40.0,
-                damping=0.05,
+                damping=0.02,
                 keyframe=[
-                    Keyframe(time=1.0, stiffness=1.0),
-                    Keyframe(time=3.5, stiffness=0.01),
-                    Keyframe(time=5.0, stiffness=0.01, freeze=True),
-                    Keyframe(time=5.5, stiffness=1.0),
+                    Keyframe(time=0.8, stiffness=1.0, damping=1.0),
+                    Keyframe(time=2.0, stiffness=0.02, damping=0.2),
+                    Keyframe(time=3.0, stiffness=0.006),
+                    Keyframe(time=4.8, stiffness=0.006, damping=0.2, freeze=True),
+                    Keyframe(time=5.2, stiffness=2.0, damping=3.0),
                 ],
             )
         ],
-        contact=Contact(stiffness=2000.0, damping=0.2, friction=0.1),
-        collider=[Plane()],
-        camera=Camera(eye=(2.0, 1.7, 3.0), target=(0.0, 0.35, 0.0), color="force"),
+        contact=Contact(stiffness=1000.0, damping=0.1, friction=0.02),
+        collider=[
+            Plane(),
+            Sphere(
+                center=(0.1, -0.45, 0.0),
+                radius=0.4,
+                keyframe=[
+                    Move(time=5.8, offset=(0.0, 0.0, 0.0)),
+                    Move(time=6.1, offset=(0.0, 0.35, 0.0)),
+                    Move(time=7.0, offset=(0.0, 0.0, 0.0)),
+                ],
+            ),
+        ],
+        camera=Camera(eye=(1.7, 1.4, 2.5), target=(0.0, 0.3, 0.0)),
     )

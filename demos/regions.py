@@ -15,7 +15,7 @@ def scene() -> Scene:
                 stiffness=60.0,
                 damping=0.06,
                 region=[
-                    Region(max=(1.0, 0.5, 1.0), stiffness=12.0, damping=0.03),
+                    Region(max=(1.0, 0.5, 1.0), stiffness=4.0, damping=0.03),
                     Region(center=(0.5, 0.8, 0.5), radius=0.3, stiffness=180.0),
                 ],
             )
