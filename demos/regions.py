@@ -12,10 +12,11 @@ def scene() -> Scene:
                 points=(9, 9, 9),
                 position=(0.0, 0.9, 0.0),
                 rotation=(0.0, 30.0, 0.0),
+                mass=4.0,
                 stiffness=60.0,
-                damping=0.06,
+                damping=0.15,
                 region=[
-                    Region(max=(1.0, 0.5, 1.0), stiffness=4.0, damping=0.03),
+                    Region(max=(1.0, 0.5, 1.0), stiffness=8.0, damping=0.1),
                     Region(center=(0.5, 0.8, 0.5), radius=0.3, stiffness=180.0),
                 ],
             )
