@@ -272,7 +272,10 @@ def do_study(chosen: argparse.Namespace) -> None:
     json_path = output(chosen.json, option="--json") if chosen.json else None
     csv_path = output(chosen.csv, option="--csv") if chosen.csv else None
     plot_path = output(chosen.plot, *getattr(study, "PLOTS", FIGURES), option="--plot") if chosen.plot else None
-    chosen.load = functools.partial(make_scene, chosen)
+    chosen.load, chosen.scenes = functools.partial(make_scene, chosen), chosen.scene
+    chosen.scene = chosen.scenes[0] if chosen.scenes else None
+    if len(chosen.scenes) > 1 and not getattr(study, "MANY", False):
+        raise Mistake(f"study {chosen.name}: expected one scene, got {', '.join(chosen.scenes)}")
     told = study.measure(chosen)
     say(chosen, study.text(told))
     if json_path:

@@ -127,7 +127,7 @@ def options() -> Parser:
     explain.add_argument("--json", metavar="FILE", help="write the facts there too")
     study = commands.add_parser("study", help="measurements", parents=[scene])
     study.add_argument("name", metavar="NAME", help=f"one of {', '.join(studies())}")
-    study.add_argument("scene", metavar="SCENE", nargs="?")
+    study.add_argument("scene", metavar="SCENE", nargs="*")
     study.add_argument("--json", metavar="FILE", help="write the figures there too")
     study.add_argument("--csv", metavar="FILE", help="write them as a table there too")
     study.add_argument("--plot", metavar="FILE", help="draw them there")

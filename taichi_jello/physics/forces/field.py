@@ -72,7 +72,7 @@ class UniformForce(ParticleForce):
 
     @classmethod
     def made_for(cls, scene, particles):
-        return [cls(field) for field in scene.force if isinstance(field, UniformField)]
+        return [cls(field) for field in scene.force if isinstance(field, UniformField) and any(field.force)]
 
     @ti.func
     def on(self, i, x, v, t):

@@ -1,0 +1,42 @@
+"""One scene in a fresh process: `python -m taichi_jello.studies._probe SCENE [options of jello explain]` prints as JSON
+what it compiles in, how many kernels that takes and how long, until its first frame is done."""
+
+import contextlib
+import io
+import json
+import sys
+import time
+from typing import Any
+
+from taichi.lang.kernel_impl import Kernel
+
+from taichi_jello import runtime
+from taichi_jello.cli import make_scene, make_simulation
+from taichi_jello.explain import facts
+from taichi_jello.options import options
+
+
+def main(arguments: list[str]) -> None:
+    chosen = options().parse_args(["explain", *arguments])
+    kernels: list[str] = []
+    materialize = Kernel.materialize
+
+    def counted(self: Any, *args: Any, **named: Any) -> Any:
+        before = len(self.compiled_kernels)
+        done = materialize(self, *args, **named)
+        kernels.extend([self.func.__name__] * (len(self.compiled_kernels) - before))
+        return done
+
+    Kernel.materialize = counted
+    with contextlib.redirect_stdout(io.StringIO()):  # a scene's own prints are no figures
+        scene = make_scene(chosen)
+        runtime.start(chosen.arch, chosen.precision, chosen.threads)
+        start = time.perf_counter()
+        simulation = make_simulation(chosen, scene)
+        simulation.frame()
+        seconds = time.perf_counter() - start
+    print(json.dumps({"kernels": kernels, "seconds": seconds, "facts": facts(simulation)}))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

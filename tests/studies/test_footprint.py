@@ -1,0 +1,35 @@
+"""What is left out costs nothing."""
+
+import argparse
+import json
+
+import pytest
+
+from taichi_jello.studies import footprint
+
+CHOSEN = argparse.Namespace(arch="cpu", precision="f32", threads=1, method=None, quick=True, settings=[])
+
+
+@pytest.mark.parametrize("feature", footprint.FEATURES, ids=lambda feature: feature.name)
+def test_an_unused_feature_adds_no_byte_and_no_code(feature, monkeypatch):
+    monkeypatch.setattr(footprint, "interleaved", lambda runs, *_: [{"min": 1.0, "median": 1.0} for _ in runs])
+    row = footprint.feature_row(feature, CHOSEN)
+    assert row["unused_bytes"] == 0 and row["same_code"]
+
+
+def test_on_the_command_line_a_fresh_process_compiles_each_scene(jello, tmp_path):
+    (tmp_path / "one.toml").write_text('[[jello]]\nshape = "box"\npoints = [2, 2, 2]\n')
+    done = jello("study", "footprint", "one.toml", "--set", "drag=0.1", "--json", "x.json")
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads((tmp_path / "x.json").read_text())["scenes"]
+    assert row["particles"] == 8 and {"springs", "drag", "gravity", "rk4"} <= set(row["compiled_in"])
+    assert "contact" in row["left_out"] and row["bytes"] > 0
+    # Filling the fields, the step and reading the state back: nothing else is compiled to run a scene.
+    assert row["kernels"] == 3
+    assert row["warm_seconds"] > 0.0 and row["cold_seconds"] > 0.0
+    assert "without " in done.stdout
+
+
+def test_a_study_of_one_scene_takes_no_two(jello):
+    done = jello("study", "accuracy", "cube", "room")
+    assert done.returncode == 2 and "study accuracy: expected one scene, got cube, room" in done.stderr
