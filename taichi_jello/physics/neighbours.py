@@ -50,6 +50,10 @@ class Neighbours:
         )
         self.bin_start, self.cursor = zeros("bins", self.bins + 1), zeros("cursor", max(self.count, self.bins))
         self.bin_of, self.items = zeros("bin of each point", self.count), zeros("points by bin", self.count)
+        self.item_jello, self.item_x = (
+            zeros("their jellos", self.count),
+            memory.zeros(title, "their x", (self.count, 3)),
+        )
         self.others, self.itself, self.with_self = others, itself, bool(itself.any())
         self.meets = np.where(np.eye(self.jellos, dtype=bool), itself, others)
         if self.with_self:
@@ -77,7 +81,7 @@ class Neighbours:
         self.fresh = True
 
     def _search_within(self, positions: ti.MatrixField, zones: np.ndarray, margin: np.ndarray) -> int:
-        width = float(np.mean(self.touching.spacing) + 2.0 * margin.min())
+        width = float(2.0 * np.mean(self.touching.spacing) + 2.0 * margin.max())
         widest = float((margin + self.touching.radius).max())
         return self._search(positions, zones.astype(self.number), margin.astype(self.number), width, widest)
 
@@ -108,20 +112,23 @@ class Neighbours:
         return low - reach, high + reach
 
     @ti.func
-    def note(self, q, e, low, high, x):
-        """List the pair if the point is near the element's box, and of another jello, or else far on its own."""
-        i, node = self.points[q], self.nodes[e][0]
-        a, b = self.jello[i], self.jello[node]
-        meets = a != b and self.others
-        if ti.static(self.with_self):  # noqa: SIM102
-            if a == b and self.alone[a]:
-                meets = (self.rest[i] - self.rest[node]).norm() > self.apart[a]
-        reach = self.reach[a]
-        if meets and (x[i] > low - reach).all() and (x[i] < high + reach).all():
-            place = ti.atomic_add(self.state[1], 1)
-            if place < self.room:
-                self.pairs[place] = ti.Vector([q, e])
-                ti.atomic_add(self.start[q + 1], 1)
+    def note(self, place, e, a, low, high):
+        """List element e of jello a with the point at a place in the bins, if it is near, and of another jello or else
+        far on its own. (It may come twice, if two cells share a bin; that does no harm.)"""
+        b = self.item_jello[place]
+        if (a != b and self.others) or (a == b and self.with_self):
+            p, reach = self.item_x[place], self.reach[b]
+            if (p > low - reach).all() and (p < high + reach).all():
+                q, meets = self.items[place], True
+                if ti.static(self.with_self):  # noqa: SIM102
+                    if a == b:
+                        apart = (self.rest[self.points[q]] - self.rest[self.nodes[e][0]]).norm()
+                        meets = self.alone[a] and apart > self.apart[a]
+                if meets:
+                    k = ti.atomic_add(self.state[1], 1)
+                    if k < self.room:
+                        self.pairs[k] = ti.Vector([q, e])
+                        ti.atomic_add(self.start[q + 1], 1)
 
     @ti.kernel
     def _forget(self):
@@ -156,13 +163,15 @@ class Neighbours:
         ti.loop_config(serialize=self.serial)
         for q in range(self.count):
             if self.bin_of[q] >= 0:
-                self.items[ti.atomic_add(self.cursor[self.bin_of[q]], 1)] = q
+                place = ti.atomic_add(self.cursor[self.bin_of[q]], 1)
+                i = self.points[q]
+                self.items[place], self.item_jello[place], self.item_x[place] = q, self.jello[i], x[i]
         ti.loop_config(serialize=self.serial, block_dim=64)
         for e in range(self.elements):
             low, high = self.box(e, x)
             j = self.jello[self.nodes[e][0]]
             if self.in_zone(low, high, j, zones):
-                self._look(e, low, high, x, width, widest)
+                self._look(e, low, high, width, widest)
         ti.loop_config(serialize=True)
         for q in range(self.count):
             self.cursor[q] = self.start[q]
@@ -188,23 +197,20 @@ class Neighbours:
         return inside
 
     @ti.func
-    def _look(self, e, low, high, x, width, widest):
+    def _look(self, e, low, high, width, widest):
         """Note the points in the bins of the cells that the box from `low` to `high` meets, grown by the widest
         margin of a point; or all points, if those are fewer than the cells."""
         first, last = ti.floor((low - widest) / width, ti.i32), ti.floor((high + widest) / width, ti.i32)
-        n = last - first + 1
+        n, a = last - first + 1, self.jello[self.nodes[e][0]]
         if float(n[0]) * n[1] * n[2] > self.count:
-            for q in range(self.count):
-                if self.bin_of[q] >= 0:
-                    self.note(q, e, low, high, x)
+            for place in range(self.bin_start[self.bins]):
+                self.note(place, e, a, low, high)
         else:
             for k in range(n[0] * n[1] * n[2]):
                 cell = first + ti.Vector([k // (n[1] * n[2]), k // n[2] % n[1], k % n[2]])
                 h = self.bin_at(cell)
                 for place in range(self.bin_start[h], self.bin_start[h + 1]):
-                    q = self.items[place]
-                    if (ti.floor(x[self.points[q]] / width, ti.i32) == cell).all():  # else another cell of that bin
-                        self.note(q, e, low, high, x)
+                    self.note(place, e, a, low, high)
 
     @ti.func
     def watch(self, first, last, x, v, dt):

@@ -106,8 +106,8 @@ class Touch(ParticleForce):
 
     @property
     def grip(self):
-        """The viscous part of friction [N·s/m], as in contact with colliders."""
-        return sqrt(self.contact.stiffness * float(self.particles.body.mass.min()))
+        """The viscous part of friction [N·s/m]: with it all contacts of a point damp as much as one with a collider."""
+        return sqrt(self.contact.stiffness * float(self.particles.body.mass.min())) / (2.0 * LOAD)
 
     def _law(self):
         return self.contact.stiffness, self.contact.damping, self.contact.friction, self.grip
