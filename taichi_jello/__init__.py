@@ -16,6 +16,7 @@ from taichi_jello.scene import Camera, Contact, Pin, Scene, SceneError, Solver
 from taichi_jello.shapes.ball import Ball
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.shapes.mesh import Mesh
+from taichi_jello.shapes.ring import Ring
 from taichi_jello.shapes.rope import Rope
 from taichi_jello.shapes.sheet import Sheet
 from taichi_jello.simulation import Diverged, Simulation, Snapshot
@@ -36,6 +37,7 @@ __all__ = [
     "Pin",
     "Plane",
     "Region",
+    "Ring",
     "Room",
     "Rope",
     "Scene",

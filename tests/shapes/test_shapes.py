@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from taichi_jello import Ball, Box, Pin, Rope, SceneError, Sheet
+from taichi_jello import Ball, Box, Pin, Ring, Rope, SceneError, Sheet
 from taichi_jello.body import join
 from taichi_jello.shapes._skin import split_edges
 from taichi_jello.shapes.lattice import body_of, corners
@@ -130,3 +130,17 @@ def test_what_cannot_be_is_named(shape, wrong, key):
     with pytest.raises(SceneError) as caught:
         shape(**wrong)
     assert caught.value.key == key and "expected" in caught.value.problem
+
+
+def test_a_ring_is_closed_and_the_same_all_round():
+    body = Ring(radius=1.0, thickness=0.4, points=(20, 3)).body()
+    around = 2.0 * np.pi / 20.0
+    assert len(body) == 180 and len(body.cells) == 80 and not np.any(np.unique(body.cells) != np.arange(180))
+    # Pappus: a polygon of 20 sides instead of the circle.
+    assert volume(body) == pytest.approx(0.4**2 * 2.0 * np.pi * np.sin(around) / around, rel=1e-9)
+    assert {2} == set(np.unique(np.sort(edges(body.surface), 1), axis=0, return_counts=True)[1].tolist())
+    degree = np.bincount(body.springs.ravel()).reshape(20, 9)
+    assert np.all(degree == degree[0])
+    for points in ((4, 3), (12, 1)):
+        with pytest.raises(SceneError, match="points: expected at least 5 around and 2 across"):
+            Ring(points=points)
