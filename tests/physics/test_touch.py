@@ -120,6 +120,7 @@ def test_a_stack_at_rest_has_no_gaps():
     assert np.abs(under[inner, 1] - over[1:3, 1:3, 1].mean()).max() < 0.05 / 3  # of the spacing
 
 
+@pytest.mark.filterwarnings("ignore:dt = ")
 def test_forces_are_opposite_and_lead_downhill(forces):
     """Without damping and friction the force is the slope of the energy: by differences on points that touch."""
     jello = [cube(0.0, 0.0, 0.0, points=3, damping=0.0, stiffness=0.0),
