@@ -20,5 +20,5 @@ def scene() -> Scene:
             Room(min=(-1.6, 0.0, -1.3), max=(1.6, 4.0, 1.3)),
             Sphere(center=(-0.2, 0.1, 0.0), radius=0.45),
         ],
-        camera=Camera(eye=(2.9, 2.3, 4.6), target=(0.0, 0.75, 0.0)),
+        camera=Camera(eye=(3.2, 2.6, 5.4), target=(0.0, 1.15, 0.0)),
     )
