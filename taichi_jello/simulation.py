@@ -37,8 +37,9 @@ class Diverged(RuntimeError):
 @dataclass(frozen=True)
 class Snapshot:
     """Everything a run needs to go on to the same bits: time [s], x [m] and v [m/s], (N, 3), and a memory of what has
-    changed in the springs, empty where nothing changes. Without it a run goes on as if nothing had changed before.
-    Where a simulation has made it, also the clock that `time` is the sum of, and what the hand does."""
+    changed in the springs and of what the method keeps from step to step, empty where there is neither. Without it a
+    run goes on as if nothing had changed before and this step were the first. Where a simulation has made it, also the
+    clock that `time` is the sum of, and what the hand does."""
 
     time: float
     x: np.ndarray
@@ -241,7 +242,8 @@ class Simulation:
         runtime.check(self.system.owner)
         clock = self._time_before_frames, self._frames, self._done, self.dt
         grip = None if self._hand is None else self._hand.grip
-        return Snapshot(self.time, *self.system.read(), self.system.changes.memory(), clock, grip)
+        memory = self.system.changes.memory() | self.system.integrator.remembered()
+        return Snapshot(self.time, *self.system.read(), memory, clock, grip)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back (or on) to a snapshot of the same scene; running on from it gives the same bits as before.
@@ -258,6 +260,7 @@ class Simulation:
                 raise ValueError(f"{name}: expected finite numbers")
         self.system.write(snapshot.x, snapshot.v)
         self.system.changes.recall(snapshot.memory)
+        self.system.integrator.recall(snapshot.memory)
         if snapshot.clock is not None and snapshot.clock[3] == self.dt:
             self._time_before_frames, self._frames, self._done, _ = snapshot.clock
             self._begun = False

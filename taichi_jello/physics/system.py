@@ -185,6 +185,7 @@ class System:
                     for kind in ti.static(self.integrator.solver.kinds):
                         if self.integrator.solver.mode[0] == kind:
                             self.integrator.solver.turn(kind, self, first, last)
+                    self.integrator.solver.turn_ends(self, first, last)
         self.integrator.finish(self, first, last, step * dt, dt)
         if ti.static(self.books):
             self.ledger.book(self, first, last, step + 1 - origin, stop - origin, origin, dt)
@@ -238,6 +239,7 @@ class System:
     @ti.kernel
     def _parallel_turn(self, kind: ti.template()):
         self.integrator.solver.turn(kind, self, 0, self.count)
+        self.integrator.solver.turn_ends(self, 0, self.count)
 
     @ti.kernel
     def _parallel_finish(self, t: float, dt: float):

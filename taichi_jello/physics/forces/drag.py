@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from taichi_jello.physics.forces._base import ParticleForce, Rates
+from taichi_jello.physics.forces._base import ParticleForce, Rates, even_block
 
 
 @ti.data_oriented
@@ -24,7 +24,7 @@ class Drag(ParticleForce):
 
     @ti.func
     def curvature(self, i, x, v, t, c):
-        return self.rate * self.particles.mass(i) / c * ti.Matrix.identity(float, 3)
+        return even_block(self.rate * self.particles.mass(i) / c)
 
     def rates(self):
         return Rates(damping=self.rate)

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.forces._base import ParticleForce, Rates
+from taichi_jello.physics.forces._base import ParticleForce, Rates, even_block
 from taichi_jello.scene import Force, Scene, number
 
 FIRMNESS = 2.0  # of the hand's spring, in typical springs of the body
@@ -157,7 +157,7 @@ class Hand(ParticleForce):
     def curvature(self, i, x, v, t, c):
         """The weights sum to one, so the matrix k w wᵀ is at most the diagonal one with k w."""
         pull = self.share(i) * (self.stiffness + self.damping / c)
-        return (pull + self.calming(i) / c) * ti.Matrix.identity(float, 3)
+        return even_block(pull + self.calming(i) / c)
 
     @ti.func
     def on(self, i, x, v, t):

@@ -3,6 +3,7 @@
 import numpy as np
 import taichi as ti
 
+from taichi_jello.physics.forces._base import even_block
 from taichi_jello.physics.forces.contact import PenaltyContact
 
 
@@ -119,7 +120,7 @@ class SkinContact(PenaltyContact):
     @ti.func
     def curvature(self, i, x, v, t, c):
         """The eight weights of a point sum to one, so w times its block bounds what ties this corner to the others."""
-        total = ti.Matrix.zero(float, 3, 3)
+        total = even_block(ti.cast(0.0, float))
         for e in range(self.first[i], self.first[i + 1]):
             cell, own = self.around[e] // 8, self.around[e] % 8
             if self.near[cell]:

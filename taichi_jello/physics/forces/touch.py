@@ -13,7 +13,7 @@ from math import hypot, sqrt
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.forces._base import ParticleForce, Rates
+from taichi_jello.physics.forces._base import ParticleForce, Rates, block, even_block
 from taichi_jello.physics.forces.contact import pressure, rub
 from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.touching import Touching
@@ -67,7 +67,7 @@ class Touch(ParticleForce):
     title = "touch"
     energy_kind = "contact"
     reads_velocity = True
-    prepares = tidies = watches = True
+    prepares = tidies = watches = has_curvature = True
 
     def __init__(self, scene, particles, itself):
         body, memory = particles.body, particles.memory
@@ -270,32 +270,61 @@ class Touch(ParticleForce):
         return float(LOAD * UNIT) / most
 
     @ti.func
+    def following(self, q, before, r):
+        """The contact in round r that presses on point q: of those listed, in any order, the next by number after
+        `before`; where not all are listed, contact r."""
+        contact, listed = r, self.listed[q]
+        if listed <= SLOTS:
+            contact = AT_ONCE * self.points
+            for place in range(q * SLOTS, q * SLOTS + listed):
+                if before < self.list[place] < contact:
+                    contact = self.list[place]
+        return contact
+
+    @ti.func
+    def part(self, contact, q):
+        """The weight g of point q in a contact: 1 for the point itself, less than 0 for a corner."""
+        g = ti.cast(0.0, float)
+        if contact % AT_ONCE < self.own[contact // AT_ONCE]:
+            if contact // AT_ONCE == q:
+                g += 1.0
+            for k in ti.static(range(3)):
+                if self.corners[contact][k] == q:
+                    g -= self.weights[contact][k]
+        return g
+
+    @ti.func
     def on(self, i, x, v, t):
         """Contacts were listed in any order; they are added in that of their numbers."""
         force, q = ti.Vector([0.0, 0.0, 0.0]), self.point_of[i]
         if q >= 0:
-            listed = self.listed[q]
-            before, rounds = -1, listed
-            if listed > SLOTS:
-                rounds = AT_ONCE * self.points
-            for r in range(rounds):
-                contact = r
-                if listed <= SLOTS:
-                    contact = AT_ONCE * self.points
-                    for place in range(q * SLOTS, q * SLOTS + listed):
-                        if before < self.list[place] < contact:
-                            contact = self.list[place]
-                    before = contact
-                if contact % AT_ONCE < self.own[contact // AT_ONCE]:
-                    g = ti.cast(0.0, float)
-                    if contact // AT_ONCE == q:
-                        g += 1.0
-                    for k in ti.static(range(3)):
-                        if self.corners[contact][k] == q:
-                            g -= self.weights[contact][k]
-                    if g != 0.0:
-                        force += g * self.share(contact) * self.force[contact]
+            before = -1
+            for r in range(ti.select(self.listed[q] > SLOTS, AT_ONCE * self.points, self.listed[q])):
+                contact = self.following(q, before, r)
+                before = contact
+                g = self.part(contact, q)
+                if g != 0.0:
+                    force += g * self.share(contact) * self.force[contact]
         return force
+
+    @ti.func
+    def curvature(self, i, x, v, t, c):
+        """The weights of a contact, without their signs, sum to 2: twice |g| times its block bounds what ties this
+        point to the others. It stiffens along its force; across, friction at its stickiest."""
+        total, q, law = even_block(ti.cast(0.0, float)), self.point_of[i], self.law[0]
+        if q >= 0:
+            before = -1
+            for r in range(ti.select(self.listed[q] > SLOTS, AT_ONCE * self.points, self.listed[q])):
+                contact = self.following(q, before, r)
+                before = contact
+                g, pull = ti.abs(self.part(contact, q)), self.force[contact].norm()
+                if g * pull > 0.0:
+                    across = ti.cast(0.0, float)
+                    if ti.static(self.rubs):
+                        across = law[3] / c
+                    both = 2.0 * g * self.share(contact)
+                    total += both * block(across, law[0] + law[1] / c, self.force[contact] / pull)
+        return total
 
     @ti.func
     def energy(self, i, x, t):

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.forces._base import ParticleForce, Rates
+from taichi_jello.physics.forces._base import ParticleForce, Rates, even_block
 from taichi_jello.scene import Force, Scene, Vector, number, vector
 
 RATE = 1.5  # 1/s: a jello in the wind is at two thirds of its speed within a second
@@ -62,7 +62,7 @@ class WindForce(ParticleForce):
 
     @ti.func
     def curvature(self, i, x, v, t, c):
-        return self.particles.mass(i) * self.air[1][0] / c * ti.Matrix.identity(float, 3)
+        return even_block(self.particles.mass(i) * self.air[1][0] / c)
 
     def rates(self):
         return Rates(damping=self.rate)

@@ -41,6 +41,13 @@ class Integrator:
     def tuned(self) -> None:
         """Numbers of a force have changed."""
 
+    def remembered(self) -> dict[str, np.ndarray]:
+        """What it needs besides x and v to go on to the same bits."""
+        return {}
+
+    def recall(self, memory: dict[str, np.ndarray]) -> None:
+        """Go on from where `memory` was asked for; with an empty one, from any state."""
+
     @classmethod
     def amplification(cls, a: np.ndarray, zeta: np.ndarray) -> np.ndarray:
         raise TypeError(f"{cls.__name__} must define amplification()")

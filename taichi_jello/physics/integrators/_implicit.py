@@ -26,17 +26,17 @@ class Implicit(Integrator):
     share: ClassVar[float]
 
     def __init__(self, memory, state, damped):
-        self.state = state
+        self.state, self.number = state, memory.number
         self.solver = Newton(memory, accuracy=1e-3 if memory.owner.precision == "f32" else 1e-9)
-        self.prepared = 0.0
+        self.last_dt, self.prepared = 0.0, False
 
     def prepare(self, system, dt):
-        if dt != self.prepared:
+        if not self.prepared or dt != self.last_dt:
             self.solver.prepare(system, self.share * dt)
-            self.prepared = dt
+        self.last_dt, self.prepared = dt, True
 
     def tuned(self):
-        self.prepared = 0.0
+        self.prepared = False
 
     @ti.func
     def finish(self, system, first, last, t, dt):

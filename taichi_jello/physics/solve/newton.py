@@ -9,10 +9,12 @@ ParticleForce.curvature for the rest), so that conjugate gradients apply and d a
 import numpy as np
 import taichi as ti
 
+from taichi_jello.physics.forces._base import even_block
 from taichi_jello.physics.solve.inner import inner_solver
 from taichi_jello.physics.state import State
 
 DONE, EVALUATE, CONJUGATE = 0, 1, 2
+BEGIN, BACK, AT_REST, GO_ON = 0, 1, 2, 3  # phases: what a turn has found out
 # What the registers hold; every member of a team reads them, the first one writes.
 C, TIME, RHO, SLOPE, ALPHA, BETA, TOLERANCE, STOP_AT, NOISE = range(9)
 ROUNDS, INNER, TRIES, PHASE, EVALUATIONS, PRODUCTS = range(6)
@@ -54,17 +56,18 @@ class Newton:
     # Every function below is called by all members of a team, each for its particles first … last - 1.
 
     @ti.func
-    def start(self, system, first, last, c, t):
-        """Begin at v = at.v; z and w are set."""
+    def start(self, system, first, last, c, t, wanted=1):
+        """Begin at v = at.v; z and w are set. Not `wanted`: there is nothing to solve."""
         for i in range(first, last):
-            self.at.x[i] = self.z[i] + c * self.at.v[i]
-            self.d[i] = ti.Vector([0.0, 0.0, 0.0])
+            if wanted:
+                self.at.x[i] = self.z[i] + c * self.at.v[i]
+                self.d[i] = ti.Vector([0.0, 0.0, 0.0])
         system.wait_for_team()  # until everybody has seen that the solve before is done
-        for one in range(1):
-            if first == 0:
+        for _ in range(1):
+            if first == 0 and last > 0:
                 self.registers[C], self.registers[TIME], self.registers[SLOPE] = c, t, 0.0
                 self.counts[ROUNDS] = self.counts[TRIES] = 0
-                self.mode[one] = EVALUATE
+                self.mode[0] = EVALUATE if wanted else DONE
         system.wait_for_team()
 
     @ti.func
@@ -84,42 +87,29 @@ class Newton:
             r = m * ((self.w[i] - self.at.v[i]) / c + self.a[i])
             self.r[i] = r * (system.particles.inverse_mass(i) * m)  # none on a pinned particle
         self.add_up(system, first, last, self.d, self.r, True)
-        for one in range(1):
-            if first == 0:
-                self.judge(system, one)
+        for _ in range(1):
+            if first == 0 and last > 0:
+                self.judge(system)
         system.wait_for_team()
         for i in range(first, last):
-            if self.counts[PHASE] == 1:  # back along the step
+            if self.counts[PHASE] == BACK:
                 back = self.registers[ALPHA] * self.d[i]
                 self.at.v[i] = self.at.v[i] - back / c
                 self.at.x[i] = self.z[i] + c * self.at.v[i]
                 self.d[i] = self.d[i] - back
-            elif self.counts[PHASE] == 0:
+            elif self.counts[PHASE] == BEGIN:
                 self.d[i] = ti.Vector([0.0, 0.0, 0.0])
                 self.own_curvature(system, i)
-        self.inner_solver.apply(system, first, last, self.r, self.s)
-        self.add_up(system, first, last, self.r, self.s, False)
-        for one in range(1):
-            if first == 0 and self.counts[PHASE] == 0:
-                rho = self.total(one, 0)
-                self.registers[RHO], self.registers[SLOPE] = rho, 0.0
-                self.registers[STOP_AT] = self.forcing * self.forcing * rho
-                self.counts[INNER] = 0
-                self.mode[one] = CONJUGATE if rho > 0.0 else DONE
-        system.wait_for_team()
-        for i in range(first, last):
-            if self.counts[PHASE] == 0:
-                self.p[i] = self.s[i]
 
     @ti.func
-    def judge(self, system, one):
-        """PHASE 0: a new Newton step; 1: back by ALPHA of the last; 2: this is the answer."""
-        here, before = self.total(one, 0), self.registers[SLOPE]
-        farthest = self.largest(one, 1)
+    def judge(self, system):
+        """BEGIN a new Newton step, go BACK by ALPHA of the last, or be AT_REST: this is the answer."""
+        here, before = self.total(0), self.registers[SLOPE]
+        farthest = self.largest(1)
         self.counts[EVALUATIONS] += 1
-        self.counts[PHASE] = 0
+        self.counts[PHASE] = BEGIN
         if here < -OVERSHOOT * before and self.counts[TRIES] < 6:
-            self.counts[PHASE] = 1
+            self.counts[PHASE] = BACK
             self.counts[TRIES] += 1
             kept = ti.min(0.6, ti.max(0.1, before / (before - here)))  # where the slope would be zero, were it linear
             self.registers[ALPHA] = 1.0 - kept
@@ -130,8 +120,8 @@ class Newton:
             or self.counts[ROUNDS] == self.rounds
             or (self.counts[ROUNDS] > 0 and farthest <= self.registers[TOLERANCE])
         ):
-            self.counts[PHASE] = 2
-            self.mode[one] = DONE
+            self.counts[PHASE] = AT_REST
+            self.mode[0] = DONE
         else:
             self.counts[ROUNDS] += 1
             self.counts[TRIES] = 0
@@ -140,50 +130,65 @@ class Newton:
     def own_curvature(self, system, i):
         """The 3×3 block of H that ties particle i to nothing else: its mass, contact, drag, the hand."""
         c = self.registers[C]
-        B = system.particles.mass(i) / (c * c) * ti.Matrix.identity(float, 3)
+        B = even_block(system.particles.mass(i) / (c * c))
         for force in ti.static(system.all_forces):
             if ti.static(force.has_curvature):
                 B += force.curvature(i, self.at.x, self.at.v, self.registers[TIME], c)
-        self.block[0, i] = ti.Vector([B[0, 0], B[1, 1], B[2, 2]])
-        self.block[1, i] = ti.Vector([B[1, 2], B[0, 2], B[0, 1]])
+        self.block[0, i] = ti.Vector([B[0], B[1], B[2]])
+        self.block[1, i] = ti.Vector([B[3], B[4], B[5]])
 
     @ti.func
     def conjugate(self, system, first, last):
         """One step of conjugate gradients for H d = r."""
         self.product(system, first, last, self.p, self.q)
         self.add_up(system, first, last, self.p, self.q, False)
-        for one in range(1):
-            if first == 0:
-                alpha = self.registers[RHO] / self.total(one, 0)
+        for _ in range(1):
+            if first == 0 and last > 0:
+                alpha = self.registers[RHO] / self.total(0)
                 self.registers[ALPHA] = alpha
                 self.registers[SLOPE] += alpha * self.registers[RHO]  # d · r at the start of the step
                 self.counts[PRODUCTS] += 1
+                self.counts[PHASE] = GO_ON
         system.wait_for_team()
         alpha = self.registers[ALPHA]
         for i in range(first, last):
             self.d[i] = self.d[i] + alpha * self.p[i]
             self.r[i] = self.r[i] - alpha * self.q[i]
+
+    @ti.func
+    def turn_ends(self, system, first, last):
+        """What both kinds of turn end with: the next direction p of conjugate gradients, or the step along d."""
         self.inner_solver.apply(system, first, last, self.r, self.s)
         self.add_up(system, first, last, self.r, self.s, False)
-        for one in range(1):
-            if first == 0:
-                rho = self.total(one, 0)
-                self.registers[BETA] = rho / self.registers[RHO]
-                self.registers[RHO] = rho
-                self.counts[INNER] += 1
-                if not (rho > self.registers[STOP_AT]) or self.counts[INNER] == self.inner:
-                    moved = self.largest(one, 1)
-                    if self.counts[ROUNDS] == 1:
-                        noise = self.registers[NOISE] * self.largest(one, 2)
-                        self.registers[TOLERANCE] = ti.max(noise, self.accuracy * moved)
-                    self.mode[one] = DONE if moved <= self.registers[TOLERANCE] else EVALUATE
+        for _ in range(1):
+            if first == 0 and last > 0:
+                self.choose_direction(system)
         system.wait_for_team()
         beta, c = self.registers[BETA], self.registers[C]
         for i in range(first, last):
             self.p[i] = self.s[i] + beta * self.p[i]
-            if self.mode[0] != CONJUGATE:
+            if self.counts[PHASE] == GO_ON and self.mode[0] != CONJUGATE:
                 self.at.v[i] = self.at.v[i] + self.d[i] / c
                 self.at.x[i] = self.z[i] + c * self.at.v[i]
+
+    @ti.func
+    def choose_direction(self, system):
+        rho = self.total(0)
+        if self.counts[PHASE] == BEGIN:
+            self.registers[BETA], self.registers[SLOPE] = 0.0, 0.0
+            self.registers[STOP_AT] = self.forcing * self.forcing * rho
+            self.counts[INNER] = 0
+            self.mode[0] = CONJUGATE if rho > 0.0 else DONE
+        elif self.counts[PHASE] == GO_ON:
+            self.registers[BETA] = rho / self.registers[RHO]
+            self.counts[INNER] += 1
+            if not (rho > self.registers[STOP_AT]) or self.counts[INNER] == self.inner:
+                moved = self.largest(1)
+                if self.counts[ROUNDS] == 1:
+                    noise = self.registers[NOISE] * self.largest(2)
+                    self.registers[TOLERANCE] = ti.max(noise, self.accuracy * moved)
+                self.mode[0] = DONE if moved <= self.registers[TOLERANCE] else EVALUATE
+        self.registers[RHO] = rho
 
     @ti.func
     def product(self, system, first, last, p, q):
@@ -222,14 +227,14 @@ class Newton:
         system.wait_for_team()
 
     @ti.func
-    def total(self, one, column):
+    def total(self, column):
         total = ti.cast(0.0, float)
         for pass_ in range(self.memory.passes):
             total += self.sums[pass_][column]
         return total
 
     @ti.func
-    def largest(self, one, column):
+    def largest(self, column):
         most = ti.cast(0.0, float)
         for pass_ in range(self.memory.passes):
             most = ti.max(most, self.sums[pass_][column])
