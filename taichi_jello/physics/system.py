@@ -60,7 +60,8 @@ class System:
         self.tidied = tuple(force for force in self.prepared if force.tidies)
         self.watched = tuple(force for force in self.all_forces if force.watches)
         self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
-        self.integrator = Scheme(self.memory, self.state, damped=any(f.reads_velocity for f in self.all_forces))
+        damped = any(force.reads_velocity for force in self.all_forces)
+        self.integrator = Scheme(self.memory, self.state, damped, body)
         self.ledger: Any = Ledger(self.all_forces, self.memory) if ledger else None
         self.books = self.ledger is not None and self.ledger.columns > 0
         if self.team > 1:

@@ -4,6 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from taichi_jello.body import Body
 from taichi_jello.physics.state import Memory, State
 
 
@@ -34,8 +35,9 @@ class Integrator:
     finish: Any
     begin: Any
 
-    def __init__(self, memory: Memory, state: State, damped: bool):
-        """Allocate what the scheme keeps between stages of stepping `state`; `damped`: forces read velocities."""
+    def __init__(self, memory: Memory, state: State, damped: bool, body: Body):
+        """Allocate what the scheme keeps between stages of stepping `state`, the particles of `body`; `damped`: forces
+        read velocities."""
         raise TypeError(f"{type(self).__name__} must define __init__()")
 
     def tuned(self) -> None:

@@ -25,9 +25,9 @@ class Implicit(Integrator):
     solves = True
     share: ClassVar[float]
 
-    def __init__(self, memory, state, damped):
+    def __init__(self, memory, state, damped, body):
         self.state, self.number = state, memory.number
-        self.solver = Newton(memory, accuracy=1e-3 if memory.owner.precision == "f32" else 1e-9)
+        self.solver = Newton(memory, body, accuracy=1e-3 if memory.owner.precision == "f32" else 1e-9)
         self.last_dt, self.prepared = 0.0, False
 
     def prepare(self, system, dt):

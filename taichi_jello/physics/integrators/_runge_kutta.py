@@ -19,7 +19,7 @@ class RungeKutta(Integrator):
     b: ClassVar[tuple[float, ...]]
     has_begin = True
 
-    def __init__(self, memory, state, damped):
+    def __init__(self, memory, state, damped, body):
         self.state, self.stages = state, len(self.b)
         rows = np.array([[*row, *[0.0] * (self.stages - len(row))] for row in (*self.a, self.b)])
         both = np.stack([rows @ rows[:-1], rows], -1)

@@ -16,8 +16,8 @@ class BDF2(Implicit):
     share = 2.0 / 3.0
     stages = 2
 
-    def __init__(self, memory, state, damped):
-        super().__init__(memory, state, damped)
+    def __init__(self, memory, state, damped, body):
+        super().__init__(memory, state, damped, body)
         self.before = State.made_in(memory, "step before")
         self.knows = memory.table(self.name, "knows the step before", np.zeros(1, np.int32))
         self.shape = (memory.particles, 3)

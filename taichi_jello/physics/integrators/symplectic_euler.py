@@ -11,7 +11,7 @@ class SymplecticEuler(Integrator):
     # Linear theory allows 1; the undamped network, which is not linear, heats up above 0.4.
     safety = 0.4
 
-    def __init__(self, memory, state, damped):
+    def __init__(self, memory, state, damped, body):
         self.state = state
         self.a = memory.vectors(self.name, "a")
 

@@ -14,7 +14,7 @@ class VelocityVerlet(Integrator):
     name, order = "verlet", 2
     safety = 0.4  # as for symplectic Euler, whose positions it shares when undamped
 
-    def __init__(self, memory, state, damped):
+    def __init__(self, memory, state, damped, body):
         self.state, self.damped = state, damped
         self.stages = ROUNDS + 1 if damped else 1
         self.has_begin = not damped

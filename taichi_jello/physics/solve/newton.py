@@ -11,6 +11,7 @@ import taichi as ti
 
 from taichi_jello.physics.forces._base import even_block
 from taichi_jello.physics.solve.inner import inner_solver
+from taichi_jello.physics.solve.rotations import Rotations
 from taichi_jello.physics.state import State
 
 DONE, EVALUATE, CONJUGATE = 0, 1, 2
@@ -33,7 +34,7 @@ class Newton:
 
     kinds = (EVALUATE, CONJUGATE)
 
-    def __init__(self, memory, accuracy, forcing=0.1, rounds=30, inner=200):
+    def __init__(self, memory, body, accuracy, forcing=0.1, rounds=30, inner=200):
         self.memory, self.accuracy, self.forcing = memory, accuracy, forcing
         self.rounds, self.inner = rounds, inner
         self.at = State.made_in(memory, "solve")
@@ -45,6 +46,7 @@ class Newton:
         self.counts = memory.table("solve", "counts", np.zeros(6, np.int32))
         self.registers = memory.table("solve", "registers", np.zeros(9))
         self.inner_solver = inner_solver(memory)
+        self.rotations = Rotations(memory, body)
 
     def prepare(self, system, c):
         """Before the first step with this c [s], and again when a force has been tuned."""
@@ -159,6 +161,10 @@ class Newton:
     def turn_ends(self, system, first, last):
         """What both kinds of turn end with: the next direction p of conjugate gradients, or the step along d."""
         self.inner_solver.apply(system, first, last, self.r, self.s)
+        leads, anew = first == 0 and last > 0, self.counts[PHASE] == BEGIN
+        self.rotations.measure(system, leads, anew, self.at.x, self.block, self.r)
+        for i in range(first, last):
+            self.s[i] = self.s[i] + self.rotations.displacement(i, self.at.x)
         self.add_up(system, first, last, self.r, self.s, False)
         for _ in range(1):
             if first == 0 and last > 0:
