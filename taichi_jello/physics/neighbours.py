@@ -70,7 +70,7 @@ class Neighbours:
         speed = np.maximum.reduceat(np.sqrt(np.einsum("ia,ia->i", v, v)), self.first).astype(float)
         low, high = np.minimum.reduceat(x, self.first).astype(float), np.maximum.reduceat(x, self.first).astype(float)
         spacing = self.touching.spacing
-        margin = np.maximum(1.5 * frame_dt * speed, LEAST * spacing)
+        margin = np.maximum(max(1.5 * frame_dt, 4.0 * dt) * speed, LEAST * spacing)
         zones = self._zones(low, high, margin)
         if np.any(zones[:, 0] <= zones[:, 3]):
             margin = np.maximum(np.minimum(margin, MOST * spacing), 4.0 * dt * speed)
