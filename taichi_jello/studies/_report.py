@@ -87,13 +87,14 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def write_json(path: Path, told: Any) -> None:
-    """Write the figures; a number that is not finite becomes null, which every JSON reader knows."""
+    """Write the figures; a number that is not finite becomes null, which every JSON reader
+    knows; what is under a key that begins with an underscore is left out."""
     path.write_text(json.dumps(_plain(told), indent=1) + "\n", encoding="utf-8")
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: _plain(part) for key, part in value.items()}
+        return {key: _plain(part) for key, part in value.items() if not key.startswith("_")}
     if isinstance(value, (list, tuple, np.ndarray)):
         return [_plain(part) for part in value]
     if isinstance(value, np.generic):
