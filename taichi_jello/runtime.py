@@ -141,6 +141,7 @@ def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None)
             cpu_block_dim_adaptive=False,  # whatever block_dim a loop asks for
             default_cpu_block_dim=512,  # for the loops that ask for none
             cfg_optimization=False,  # a third of the compile time, the same speed: LLVM optimises anyway
+            unrolling_limit=0,  # no warning where a scene has many tables to fill
             fast_math=False,  # it may reorder sums, which gave other bits in a serial than in a parallel kernel
         )
     _current = Runtime(chosen, precision, threads, 1 if _current is None else _current.serial + 1)
