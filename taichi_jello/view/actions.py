@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 ZOOM = 1.15  # a key press
 PUSH = 1.2  # m/s along the ground
 JUMP = 3.0  # m/s
-BEYOND = "; dt = {s.dt:.3g} s is beyond its safe {s.safe_dt:.3g} s"
 SCRUB = 30  # frames of a repeated play
 WIND = 5.0  # m/s
 GRAVITY = 9.81  # m/s² where the scene has none of its own
@@ -149,8 +148,9 @@ def next_method(viewer: "Viewer") -> None:
                 viewer.simulation.change_method(name)
             except ValueError:  # it has no safe step for this scene
                 continue
-            beyond = viewer.simulation.dt > viewer.simulation.safe_dt * (1.0 + 1e-6)
-            viewer.notice = f"method: {name}" + (BEYOND.format(s=viewer.simulation) if beyond else "")
+            viewer.notice = f"method: {name}"
+            if viewer.unsafe:
+                viewer.notice += f"; dt = {viewer.dt:.3g} s is beyond its safe {viewer.simulation.safe_dt:.3g} s"
             return
         viewer.notice = "no other method has a safe step for this scene"
 

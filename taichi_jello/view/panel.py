@@ -101,7 +101,7 @@ def readings(gui: Any, viewer: Viewer) -> None:
     simulation, pace = viewer.simulation, viewer.pace
     gui.text(f"{viewer.rate:.0f} fps, real time x {pace.speed:.2f}")
     gui.text(f"physics {1e3 * pace.cost:.2f} ms a frame, {simulation.substeps} steps")
-    gui.text(f"dt {1e3 * simulation.dt:.3g} ms, safe dt {1e3 * simulation.safe_dt:.3g} ms")
+    gui.text(f"dt {1e3 * viewer.dt:.3g} ms, safe dt {1e3 * simulation.safe_dt:.3g} ms")
     if viewer.gauges.past:
         for name, joules in zip(ENERGIES, viewer.gauges.past[-1][1:], strict=True):
             gui.text(f"{name} energy {joules:.4g} J")

@@ -78,6 +78,16 @@ class Viewer:
         return bool(getattr(self.simulation, "repeating", False))
 
     @property
+    def dt(self) -> float:
+        """[s] The physics' own step, also where a replay steps by frames."""
+        return float(self.simulation.frame_dt / self.simulation.substeps)
+
+    @property
+    def unsafe(self) -> bool:
+        """Whether that step is beyond the safe one."""
+        return bool(self.dt > self.simulation.safe_dt * (1.0 + 1e-6))
+
+    @property
     def rate(self) -> float:
         """Drawn frames a second."""
         return 1.0 / self._drawn if self._drawn else 0.0
@@ -244,14 +254,14 @@ class Viewer:
             words += "   paused"
         elif abs(self.pace.speed - 1.0) > 0.05:
             words += f"   real time x {self.pace.speed:.2f}"
-        if self.simulation.dt > self.simulation.safe_dt * (1.0 + 1e-6):
+        if self.unsafe:
             words += "   unsafe dt"
         sheet.text(words, size[0] - 28.0 * s, 40.0 * s, 12.5 * s, align=1.0)
         sheet.text(self.simulation.scene.title or "jello", 28.0 * s, 40.0 * s, 12.5 * s)
-        sheet.text(self.notice or "H: help", 28.0 * s, 62.0 * s, 10.0 * s, palette.INK if self.notice else palette.EDGE)
         if self.helping:
             write_help(sheet)
             return sheet
+        sheet.text(self.notice or "H: help", 28.0 * s, 62.0 * s, 10.0 * s, palette.INK if self.notice else palette.EDGE)
         if self.panelled:
             plot(sheet, self.gauges.past)
         held = self.simulation.held if self.hand is not None or self.repeating else None
@@ -306,7 +316,10 @@ class Viewer:
             width, height = self._film.size
             try:
                 self._film.add(np.ascontiguousarray(image[:height, :width]))
-            except (ValueError, OSError):  # the window has another size now, or the disk is full
+            except ValueError:  # a picture of another size
+                self.stop_film()
+                self.notice = f"the window changed its size: {self.notice}"
+            except OSError:  # the disk is full
                 self.stop_film()
 
     def _named(self, suffix: str) -> Path:

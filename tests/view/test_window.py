@@ -200,6 +200,29 @@ def test_the_close_button_ends_it_cleanly_and_keeps_the_film(person):
     assert np.ptp(frames[0].mean((0, 1))) > 0.5  # a picture, not a grey nothing
 
 
+def test_a_hidden_and_a_resized_window_go_on(person):
+    """Unmapped it runs on; another size ends the film, which is kept and said; one pixel is survived."""
+    person.press("v", "v")
+    person.tool("windowunmap", person.window)
+    time.sleep(0.5)
+    person.tool("windowmap", person.window)
+    person.tool("windowfocus", person.window)
+    before = person.state["time"]
+    person.wait_for(lambda: person.state["time"] > before)
+    person.tool("windowsize", person.window, "400", "300")
+    told = person.wait_for(lambda: "changed its size" in person.state["notice"] and person.state["notice"])
+    (film,) = person.folder.glob("*.mp4")
+    with av.open(str(film)) as container:
+        assert f"{film.name}: {len(list(container.decode(video=0)))} frame" in told
+    person.tool("windowsize", person.window, "1", "1")
+    time.sleep(0.5)
+    person.tool("windowsize", person.window, "640", "360")
+    before = person.state["time"]
+    person.wait_for(lambda: person.state["time"] > before)
+    person.press("Escape", "Escape")
+    assert person.viewer.wait(15) == 0
+
+
 def test_a_screen_that_dies_takes_no_film_with_it(tmp_path):
     """One line, and what was filmed until then; no assertion of the driver's."""
     server, environment = virtual_screen()
