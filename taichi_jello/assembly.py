@@ -7,7 +7,8 @@ import numpy as np
 from taichi_jello.body import Body, join
 from taichi_jello.checked import SceneError
 from taichi_jello.elastic import material
-from taichi_jello.region import divided
+from taichi_jello.keyframes import offset
+from taichi_jello.region import divided, places
 from taichi_jello.scene import Jello, Scene
 
 
@@ -19,6 +20,10 @@ def built(jello: Jello) -> Body:
             if len(given) != len(body):
                 raise SceneError(name, f"expected {len(body)} points, got {len(given)}")
             body = replace(body, **{name: np.array(given)})
+    for pin in jello.pin:
+        if pin.keyframe:  # a handle begins where its path does
+            held = pin.holds(places(body.rest, body.rest))[:, None]
+            body = replace(body, x=body.x + held * offset(pin.keyframe, 0.0))
     body = replace(body, **material(jello, body))
     return replace(body, **divided(body, tuple(jello.region))) if jello.region else body
 

@@ -80,6 +80,7 @@ class Simulation:
         self._frames = self._done = 0
         self._begun = False
         self._time_before_frames = 0.0
+        self._books: Books | None = None
         self.start = self.snapshot()
         self._open_books()
 
@@ -221,7 +222,9 @@ class Simulation:
         """Tell the forces which frame it is, once a frame."""
         if not self._begun:
             start, end = (self._time_before_frames + (self._frames + k) * self.frame_dt for k in (0, 1))
-            self.system.begin_frame(start, end, within=self._done > 0)
+            gained = self.system.begin_frame(start, end, within=self._done > 0)
+            if self._books and gained:
+                self._books.add({"handles": gained})
             self._begun = True
 
     def _fail(self, particle: int, part: int) -> None:

@@ -21,12 +21,16 @@ class Handles:
             self.path += [(own[pin.holds(where)], pin.keyframe) for pin in jello.pin]
         moved = [held for held, rows in self.path if rows]
         self.held = np.unique(np.concatenate(moved)) if moved else np.zeros(0, int)
-        self.x = body.x
+        self.x, self.mass = body.x, body.mass[self.held]
+
+    def kinetic(self, v: np.ndarray) -> float:
+        """½ Σ m v² [J] of the held particles while all move at v (N, 3) [m/s]."""
+        return 0.5 * float(self.mass @ (v[self.held].astype(float) ** 2).sum(1))
 
     def motion(self, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
         """(n, 3) each: where the held particles are at `start` [m] and the velocity that takes them in a straight line
-        to where they are at `end` [m/s]."""
+        to where they are at `end` [m/s]. The body begins where its handles are at time 0."""
         here, there = np.zeros_like(self.x), np.zeros_like(self.x)
         for held, rows in self.path:
-            here[held], there[held] = offset(rows, start), offset(rows, end)
+            here[held], there[held] = (offset(rows, time) - offset(rows, 0.0) for time in (start, end))
         return (self.x + here)[self.held], ((there - here) / (end - start))[self.held]

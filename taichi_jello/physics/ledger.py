@@ -30,13 +30,16 @@ class Ledger:
     sums it up in float64, so that long runs do not drift in f32 either.
 
     A force has the accounts `works` and their `powers`; one that has none, stores no energy and is asked one by one
-    has the account of its title and the power F · v.
+    has the account of its title and the power F · v. Where there are handles they have one too: a held particle that
+    moves at v does so against all forces on it, with the power -F · v (what other jellos press on it is left out).
     """
 
-    def __init__(self, forces: tuple[ParticleForce, ...], memory: Memory):
+    def __init__(self, forces: tuple[ParticleForce, ...], memory: Memory, handles: bool = False):
         self.own = tuple(force for force in forces if force.works)
         self.plain = tuple(f for f in forces if not f.works and f.energy_kind is None and not f.in_passes)
         self.names = [name for force in self.own for name in force.works] + [force.title for force in self.plain]
+        self.handles, self.alone = handles, tuple(force for force in forces if not force.prepares)
+        self.names += ["handles"] * handles
         self.starts = tuple(int(n) for n in np.cumsum([0] + [len(force.works) for force in self.own]))
         self.memory, self.count, self.columns = memory, memory.particles, len(self.names)
         if self.names:
@@ -58,6 +61,13 @@ class Ledger:
                 column = ti.static(self.starts[-1] + f)
                 force = self.plain[f].on(i, x, v, t)
                 self.work[i][column] = self.work[i][column] + weight * force.dot(v[i])
+            if ti.static(self.handles):  # noqa: SIM102
+                if system.particles.inverse_mass(i) == 0.0 and v[i].dot(v[i]) > 0.0:
+                    against = ti.Vector([0.0, 0.0, 0.0])
+                    for force in ti.static(self.alone):
+                        against += force.on(i, x, v, t)
+                    column = ti.static(self.columns - 1)
+                    self.work[i][column] = self.work[i][column] - weight * against.dot(v[i])
         system.wait_for_team()  # until nobody needs x and v any more
 
     @ti.kernel

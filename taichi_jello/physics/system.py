@@ -62,14 +62,14 @@ class System:
         self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
         damped = any(force.reads_velocity for force in self.all_forces)
         self.integrator = Scheme(self.memory, self.state, damped, body)
-        self.ledger: Any = Ledger(self.all_forces, self.memory) if ledger else None
+        self.handles = Handles(scene, body)
+        self.ledger: Any = Ledger(self.all_forces, self.memory, len(self.handles.held) > 0) if ledger else None
         self.books = self.ledger is not None and self.ledger.columns > 0
         if self.team > 1:
             self.arrivals = ti.field(ti.i64, 1)  # how often threads came to wait_for_team, ever
         if self.watched:
             self.reached = self.memory.table("clock", "steps done", np.zeros(1, np.int32))
         self.memory.fill()
-        self.handles = Handles(scene, body)
         self.changes = Changes(scene, body, list(self.all_forces))
         self.drag = scene.drag
         self.bound = self._largest_dt()
@@ -318,17 +318,21 @@ class System:
         if self.watched:
             self.reached[0] = step + 1
 
-    def begin_frame(self, start: float, end: float, within: bool = False) -> None:
-        """Bring live values up to date for the frame from `start` to `end` [s]; within: it has begun already."""
+    def begin_frame(self, start: float, end: float, within: bool = False) -> float:
+        """Bring live values up to date for the frame from `start` to `end` [s]; within: it has begun already. Returns
+        the kinetic energy [J] that handles gain as their speed changes."""
+        gained = 0.0
         if len(self.handles.held) and not within:
             good = self._good.copy()
             good[self.handles.held] = np.hstack(self.handles.motion(start, end))
             if not np.array_equal(good, self._good):
+                gained = self.handles.kinetic(good[:, 3:]) - self.handles.kinetic(self._good[:, 3:])
                 self._good = good
                 self._write(good)
         self.changes.begin(start, self._good[:, :3])
         for force in self.all_forces:
             force.begin_frame(start, end)
+        return gained
         self._refresh(end - start)
 
     def write(self, x: np.ndarray, v: np.ndarray) -> None:

@@ -73,6 +73,16 @@ class Springs(ParticleForce):
         return s * d
 
     @ti.func
+    def on(self, i, x, v, t):
+        """The force on one particle."""
+        total = ti.Vector([0.0, 0.0, 0.0])
+        for e in range(self.start[i // LANES], self.start[i // LANES + 1]):
+            entry = self.entries[e]
+            if (entry[1] >> (i % LANES)) & 1:
+                total += self.along(entry[2], i, i + entry[0], x, v)
+        return total
+
+    @ti.func
     def on_pass(self, first, last, x, v, t, f):
         """Set f to the spring forces on the particles first … last - 1. The loop over lanes has no branch and stores
         to local arrays only, so LLVM vectorises it; a particle without the spring adds zero."""
