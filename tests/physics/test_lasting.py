@@ -105,20 +105,17 @@ def test_mistakes_name_the_key():
         Pin(keyframe=[Move(time=1.0, offset=(0, 0, 0)), Move(time=1.0, offset=(0, 0, 0))])
 
 
-def test_the_work_of_handles_is_booked():
-    """A slab that is pulled, softened and torn: what its energy gains is what was put in, to the error of RK4 and of
-    the frames in which its handles start and stop at once."""
-    path = [
-        Move(time=0.0, offset=(0.1, 0.0, 0.0)),
-        Move(time=0.3, offset=(0.7, 0.2, 0.0)),
-        Move(time=0.4, offset=(0, 0, 0)),
-    ]
+def test_the_work_of_handles_is_booked(epsilon):
+    """A slab that is pulled, yields and tears: what its energy gains is what was put in, as exactly as RK4 steps."""
+    offsets = ((0.0, 0.1, 0.0), (0.3, 0.7, 0.2), (0.4, 0.0, 0.0))
+    path = [Move(time=time, offset=(x, y, 0.0)) for time, x, y in offsets]
     pins = [Pin(max=(0.0, 1.0, 1.0)), Pin(min=(1.0, 0.0, 0.0), keyframe=path)]
     slab = Box(points=(4, 3, 3), damping=0.5, yield_strain=0.3, tear_strain=0.55, pin=pins)
-    simulation = Simulation(Scene(jello=[slab]), ledger=True)
+    simulation = Simulation(Scene(jello=[slab]), ledger=True, substeps=40)
     before = sum(simulation.energies().values())
     simulation.advance(0.5)
-    assert simulation.work["handles"] > 10.0 and simulation.work["tearing"] < 0.0
+    assert simulation.work["handles"] > 10.0 and simulation.work["tearing"] < 0.0 and simulation.work["yield"] < 0.0
     gained = sum(simulation.energies().values()) - before
-    assert simulation.energy_residual == pytest.approx(gained - sum(simulation.work.values()), abs=1e-4)
-    assert abs(simulation.energy_residual) < 1e-4 * simulation.work["handles"]
+    assert simulation.energy_residual == pytest.approx(gained - sum(simulation.work.values()), abs=1e5 * epsilon)
+    # 7e-7 as measured in f64; twice the substeps, a sixteenth of it.
+    assert abs(simulation.energy_residual) < (3e-6 + 1000 * epsilon) * simulation.work["handles"]
