@@ -44,6 +44,8 @@ def facts(simulation: Simulation) -> dict[str, Any]:
             "safety": bound.safety,
             "safe_dt": bound.dt if np.isfinite(bound.dt) else None,
         },
+        "method": simulation.method,
+        "chosen": simulation.choice.reason if simulation.choice else "asked for",
         "dt": simulation.dt,
         "substeps": simulation.substeps,
         "frame_dt": simulation.frame_dt,
@@ -64,6 +66,7 @@ def text(told: dict[str, Any]) -> str:
         f"  {told['particles']} particles, {sum(told['springs'].values())} springs: "
         + ", ".join(f"{n} {name}" for name, n in told["springs"].items()),
         f"  {told['arch']}, {told['precision']}, {told['form']}",
+        f"method: {told['method']}: {told['chosen']}",
         "compiled in: " + ", ".join(told["compiled_in"]),
         "left out:    " + (", ".join(told["left_out"]) or "nothing"),
         f"fields: {told['bytes']:,} bytes, {told['bytes'] / told['particles']:.0f} a particle",
@@ -76,9 +79,10 @@ def text(told: dict[str, Any]) -> str:
         if rate["squared_frequency"] or rate["damping"]:
             lines.append(f"  {name:22s} Λ = {rate['squared_frequency']:.4g} /s²   Γ = {rate['damping']:.4g} /s")
     lines.append(f"  {'together':22s} Λ = {bound['squared_frequency']:.4g} /s²   Γ = {bound['damping']:.4g} /s")
-    limit = (
-        "no limit: nothing swings" if safe is None else f"safe dt = {safe:.4g} s (safety {bound['safety']:g} included)"
+    endless = (
+        "no limit: nothing swings" if not bound["squared_frequency"] else f"no limit: {told['method']} is implicit"
     )
+    limit = endless if safe is None else f"safe dt = {safe:.4g} s (safety {bound['safety']:g} included)"
     lines.append(f"  {limit}")
     lines.append(f"  dt = {told['dt']:.4g} s: {told['substeps']} substeps of a {told['frame_dt']:.4g} s frame")
     return "\n".join(lines)

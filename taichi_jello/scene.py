@@ -26,7 +26,7 @@ COLORS = ("force", "strain", "stiffness", "family", "plain")
 class Solver(Checked):
     """How time is cut: `method` by name, `dt` [s] or "auto", one drawn frame every `frame_dt` [s]."""
 
-    method: str = "rk4"
+    method: str = "auto"
     dt: float | str = "auto"
     frame_dt: float = 1.0 / 60.0
 

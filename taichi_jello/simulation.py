@@ -12,6 +12,7 @@ import numpy as np
 from taichi_jello import runtime
 from taichi_jello.assembly import assembled
 from taichi_jello.body import Body
+from taichi_jello.physics.choice import AUTO, Choice, choose
 from taichi_jello.physics.colliders.room import Room
 from taichi_jello.physics.forces.grab import MOST, Hand, Held
 from taichi_jello.physics.ledger import Books
@@ -74,7 +75,13 @@ class Simulation:
         self.method = method or scene.solver.method
         self.frame_dt = scene.solver.frame_dt
         self.asked_step = scene.solver.dt if dt is None else dt, substeps
-        self.system = System(scene, self.body, method=self.method, team=team, ledger=ledger)
+        self.choice: Choice | None = None  # of `auto`
+        if self.method == AUTO:
+            own_step = self.asked_step != ("auto", None)
+            self.system, self.choice = choose(scene, self.body, own_step, team=team, ledger=ledger)
+            self.method = self.choice.method
+        else:
+            self.system = System(scene, self.body, method=self.method, team=team, ledger=ledger)
         self.substeps = self._choose_substeps(*self.asked_step)
         self.dt = self.frame_dt / self.substeps
         self._frames = self._done = 0
@@ -300,7 +307,7 @@ class Simulation:
         step."""
         now, tuning, before = self.snapshot(), self.tuning, (self.system, self.method)
         system = System(self.scene, self.body, method=name, ledger=before[0].ledger is not None)
-        self.system, self.method = system, name
+        self.system, self.method, self.choice = system, name, None
         try:
             system.tune(**tuning)
             self._choose_step()

@@ -16,5 +16,5 @@ def scheme(name: str) -> type[Integrator]:
     """The scheme called `name`; raises SceneError with the names there are."""
     found = schemes()
     if name not in found:
-        raise SceneError("solver.method", f"expected one of {', '.join(found)}, got {name!r}")
+        raise SceneError("solver.method", f"expected one of {', '.join(found)} or auto, got {name!r}")
     return found[name]

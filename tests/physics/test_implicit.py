@@ -1,0 +1,94 @@
+"""Implicit methods on stiff jellos: energy, momentum, iterations, and every force inside the solve."""
+
+import numpy as np
+import pytest
+
+from taichi_jello import Box, Contact, Plane, Scene, Simulation, Snapshot
+from taichi_jello.physics.system import force_kinds
+
+STILL = (0.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi(best_precision):
+    return best_precision
+
+
+def test_every_force_that_stiffens_is_seen_by_the_solve():
+    """Gravity and uniform fields do not; what a grid or any function does the solve cannot know."""
+    blind = {kind.title for kind in force_kinds() if not (kind.has_curvature or kind.couples)}
+    assert blind == {"gravity", "uniform field", "grid field", "callable field"}
+
+
+@pytest.mark.parametrize("method, stiffness", [("backward-euler", 1e5), ("backward-euler", 1e7), ("sdirk2", 1e5)])
+def test_a_stiff_cube_hits_the_ground_at_frame_rate(method, stiffness):
+    """One step a frame, where RK4 needs up to 2000. Backward Euler's energy never rises; SDIRK2 is no such method."""
+    placed = {"position": (0.0, 0.9, 0.0), "rotation": (20.0, 0.0, 30.0), "velocity": (0.5, -5.0, 0.0)}
+    scene = Scene(jello=[Box(points=(4, 4, 4), stiffness=stiffness, **placed)], collider=[Plane()])
+    simulation = Simulation(scene, method=method)
+    assert simulation.substeps == 1
+    energy = [sum(simulation.energies().values())]
+    for _ in range(90):
+        simulation.frame()
+        energy.append(sum(simulation.energies().values()))
+    if method == "backward-euler":
+        assert np.diff(energy).max() <= 1e-5 * energy[0]
+    assert energy[-1] < 0.6 * energy[0]
+    assert simulation.x[:, 1].min() > -0.1  # v √(m/k) of all the mass on a quarter of the bottom's contacts: 0.08 m
+    rest = simulation.body
+    lengths = np.linalg.norm(np.subtract(*(simulation.x[rest.springs[:, k]] for k in (0, 1))), axis=1)
+    assert np.abs(lengths / rest.rest_length - 1.0).max() < 5e-3
+
+
+@pytest.mark.parametrize("method", ["backward-euler", "bdf2", "sdirk2"])
+def test_a_free_body_keeps_its_momenta_to_the_accuracy_of_the_solve(method):
+    """Linear momentum is kept. Backward Euler damps rotation by ω²dt² a step; what it keeps is x' × m v', since the
+    forces at the end of a step have no torque about anything: L' = L + Σ (x' - x) × m (v - v') = L + dt Σ v' × m v."""
+    scene = Scene(
+        gravity=STILL, jello=[Box(points=(4, 4, 4), stiffness=1e6, velocity=(1.0, 2.0, 0.5), spin=(1, -2, 3))]
+    )
+    simulation = Simulation(scene, method=method, substeps=4)
+    m = simulation.body.mass[:, None]
+
+    def angular(x, v):
+        return np.sum(np.cross(x, m * v), 0)
+
+    momentum = np.sum(m * simulation.v, 0)
+    for _ in range(20):
+        before = simulation.snapshot()
+        simulation.step()
+        if method == "backward-euler":
+            expected = angular(before.x, before.v) + simulation.dt * np.sum(np.cross(simulation.v, m * before.v), 0)
+            assert angular(simulation.x, simulation.v) == pytest.approx(expected, abs=1e-7)
+    assert np.sum(m * simulation.v, 0) == pytest.approx(momentum, abs=1e-7)
+
+
+def products(simulation, frames=12):
+    """Evaluations of the forces and products with H that a twisted fall onto the ground takes."""
+    counts = simulation.system.integrator.solver.counts
+    counts.fill(0)
+    for _ in range(frames):
+        simulation.frame()
+    return int(counts.to_numpy()[4:].sum())
+
+
+def test_unequal_stiffnesses_take_at_most_twice_the_iterations():
+    """1:1e6 within one body, against the uniform one."""
+    fall = {"points": (4, 4, 4), "position": (0.0, 0.55, 0.0), "velocity": (0.0, -2.0, 0.0)}
+    ground = {"collider": [Plane()], "contact": Contact(damping=1.0)}
+
+    def made(**springs):
+        return Simulation(Scene(jello=[Box(**fall, **springs)], **ground), method="backward-euler")
+
+    uniform = products(made(stiffness=1e6))
+    assert products(made(stiffness={"structural": 1e6, "shear": 1e3, "bend": 1.0})) <= 2 * uniform
+
+
+def test_no_force_leaves_a_body_alone_and_a_state_at_rest_takes_no_round():
+    simulation = Simulation(Scene(gravity=STILL, jello=[Box(points=(3, 3, 3), stiffness=1e6)]), method="backward-euler")
+    start = simulation.snapshot()
+    for velocity in (STILL, (1.0, 0.0, 0.0)):
+        simulation.restore(Snapshot(0.0, start.x, start.v + velocity))
+        simulation.frame()
+        moved = start.x + simulation.dt * np.array(velocity)
+        assert simulation.x == pytest.approx(moved, abs=1e-12) and np.isfinite(simulation.v).all()
