@@ -176,7 +176,8 @@ class Moment:
 
     @property
     def bytes(self) -> int:
-        return self.snapshot.x.nbytes + self.snapshot.v.nbytes
+        kept = (self.snapshot.x, self.snapshot.v, *self.snapshot.memory.values())
+        return sum(values.nbytes for values in kept)
 
     def back_to(self, simulation: Simulation) -> int:
         """Bring the simulation there; the number of calls that were made before."""

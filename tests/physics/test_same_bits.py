@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from taichi_jello import Box, Plane, Room, Scene, Simulation, Sphere, runtime
+from taichi_jello import Box, Move, Pin, Plane, Room, Scene, Simulation, Sphere, runtime
 from taichi_jello.physics import system
 from taichi_jello.physics.forces._base import ParticleForce
 from taichi_jello.physics.integrators import schemes
@@ -89,3 +89,19 @@ def test_same_bits_where_a_force_prepares(monkeypatch, request):
     assert all(np.array_equal(runs[0], run) for run in runs[1:])
     monkeypatch.undo()
     assert not np.array_equal(runs[0], final_state(arch, "f32", 2, 1, method="symplectic-euler"))
+
+
+def test_same_bits_in_every_form_where_springs_change_one_by_one(request):
+    """Yielding, tearing and pulled by a handle."""
+    arch = request.config.getoption("--arch")
+    path = [Move(time=0.0, offset=(0.0, 0.0, 0.0)), Move(time=0.2, offset=(0.8, 0.0, 0.0))]
+    pins = [Pin(max=(0.0, 1.0, 1.0)), Pin(min=(1.0, 0.0, 0.0), keyframe=path)]
+    slab = Box(points=(5, 4, 7), creep=1.0, yield_strain=0.2, tear_strain=0.7, pin=pins)
+    states = []
+    for threads, form in ((1, {}), (2, {"team": 2}), (2, {"team": 0})) if arch == "cpu" else ((1, {}),) * 2:
+        runtime.start(arch, "f32", threads)
+        simulation = Simulation(Scene(jello=[slab]), **form)
+        simulation.advance(0.25)
+        assert not simulation.snapshot().memory["whole"].all()
+        states.append((simulation.x, simulation.v))
+    assert all(np.array_equal(states[0], other) for other in states[1:])
