@@ -17,6 +17,7 @@ import taichi as ti
 
 from taichi_jello import runtime
 from taichi_jello.body import Body
+from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.scene import Camera, Scene, Solver
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Simulation, StepWarning
@@ -115,6 +116,42 @@ def renderer_rows(arch: str, least: float) -> list[dict[str, Any]]:
     return rows
 
 
+def window_row(arch: str, frames: int) -> dict[str, float]:
+    """Median milliseconds of a frame of the cube on the floor in a window of 1280×720, of the physics in it, and of
+    GGUI alone with the same triangles, lines and dots; in turns. Empty without a screen."""
+    from taichi_jello.replay import playable
+    from taichi_jello.view.ggui import Ggui, window_problem
+    from taichi_jello.view.screen import Screen
+    from taichi_jello.view.viewer import Viewer
+
+    if window_problem() is not None:
+        return {}
+    runtime.start(arch)
+    scene = Scene(jello=[Box(position=(0.0, 0.8, 0.0))], collider=[Plane()], camera=Camera())
+    viewer = Viewer(Simulation(playable(scene)))
+    found: dict[str, list[float]] = {"frame": [], "physics": [], "ggui_alone": []}
+    for _ in range(3):
+        screen = Screen(viewer.size, "jello")
+        for _ in range(frames):
+            start = time.perf_counter()
+            screen.listen(viewer)
+            viewer.advance(viewer.simulation.frame_dt)
+            physics = time.perf_counter()
+            viewer.update()
+            screen.show(viewer)
+            found["frame"].append(time.perf_counter() - start)
+            found["physics"].append(physics - start)
+        screen.close()
+        alone = Ggui(viewer.size, samples=1, window=True)
+        for _ in range(frames):
+            start = time.perf_counter()
+            alone.draw(viewer.drawing, viewer.viewpoint)
+            alone.show()
+            found["ggui_alone"].append(time.perf_counter() - start)
+        alone.close()
+    return {f"{name}_ms": 1e3 * statistics.median(times) for name, times in found.items()}
+
+
 def start_up() -> dict[str, float]:
     """Seconds from typing `jello shot cube` to the file, with an empty kernel cache and with a warm one."""
     found: dict[str, list[float]] = {"cold": [], "warm": []}
@@ -145,6 +182,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
         "kernels": rows,
         "numpy_gather": [numpy_row(n, least) for n in sizes[:3]],
         "renderers": renderer_rows(arch, least),
+        "window": window_row(arch, 20 if chosen.quick else 60),
         "start_up_seconds": {} if chosen.quick else start_up(),
         "peak_bytes_of_this_study": memory,
     }
@@ -174,6 +212,12 @@ def text(told: dict[str, Any]) -> str:
     for row in told["renderers"]:
         kind = f"{row['renderer']}, {row['samples']}x{row['samples']} samples, {row['springs']} springs"
         lines.append(f"{kind}: {row['pictures_per_second']:.1f} pictures/s")
+    if told["window"]:
+        row = told["window"]
+        lines.append(
+            f"window: {row['frame_ms']:.1f} ms a frame, {row['physics_ms']:.1f} of them physics; "
+            f"GGUI alone with the same primitives {row['ggui_alone_ms']:.1f} ms"
+        )
     for state, seconds in told["start_up_seconds"].items():
         lines.append(f"`jello shot cube`, {state} kernel cache: {seconds:.2f} s")
     return "\n".join(lines)
