@@ -17,7 +17,7 @@ from taichi_jello.view.skin import Skin
 from taichi_jello.view.springs import Key, Springs
 from taichi_jello.view.surroundings import Surroundings
 
-SUNK = 0.05  # m into a floor to which an embedded skin is drawn upon it
+SUNK = 0.05  # m into a floor to which a skin is drawn upon it
 OVER = 0.0008  # of the eye's distance: over the shadow on it
 DOT = 0.055  # a particle's drawn radius, of the median structural spring
 LAYERS = ("skin", "springs", "particles")
@@ -125,14 +125,15 @@ class Drawing:
             self.surroundings.update(origins, look)
             for index, shadow in self.shadows:
                 shadow.update(self._points, origins[index], look)
-            if self.embedded is not None:
-                self._lay(skin, self.surroundings, origins, look[0])
         if self.springs is not None:
             if self.changing:
                 self.springs.obey(law_at(self.scene, self.body, time, memory))
             self.springs.update(self._points, self._speeds, look, color)
         if self.skin is not None and "skin" not in self.hidden:
-            self.skin.update(self._points, skin, look)
+            self.skin.place(self._points, skin)
+            if self.surroundings is not None:
+                self._lay(self.skin.triangles.x, self.surroundings, origins, look[0])
+            self.skin.shade(look)
 
     def _move_solids(self, surroundings: Surroundings, origins: np.ndarray) -> None:
         start = self._skinned
@@ -141,7 +142,8 @@ class Drawing:
                 self._points[start : start + len(surface.points)] = surface.points + origin
                 start += len(surface.points)
 
-    def _lay(self, skin: np.ndarray, surroundings: Surroundings, origins: np.ndarray, eye: np.ndarray) -> None:
+    @staticmethod
+    def _lay(skin: np.ndarray, surroundings: Surroundings, origins: np.ndarray, eye: np.ndarray) -> None:
         """Draw what a penalty floor lets sink into it on the floor, that is visible through the rest."""
         for surface, origin in zip(surroundings.surfaces, origins, strict=True):
             if surface.level:

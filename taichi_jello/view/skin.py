@@ -33,13 +33,17 @@ class Skin:
         self.triangles = Triangles.empty(len(owner), self.index)
         self._normal = np.zeros((len(owner), 3), np.float32)
 
-    def update(self, x: np.ndarray, skin: np.ndarray, look: np.ndarray) -> None:
-        """For particles at x (N, 3) and points of embedded skins at skin (P, 3) [m], float32."""
+    def place(self, x: np.ndarray, skin: np.ndarray) -> None:
+        """Put the triangles where particles at x (N, 3) and points of embedded skins at skin (P, 3) [m] carry them."""
         out = self.triangles
         if self.fine is not None:
             self._over_surface(self.fine, x)
         if self.embedded is not None:
             out.x[self.count :], self._normal[self.count :] = skin, self.embedded.normals
+
+    def shade(self, look: np.ndarray) -> None:
+        """Colour them and put them in order, where they are now."""
+        out = self.triangles
         out.rgba[:] = gel(self.albedo, out.x, self._normal, look)
         out.index = self.index[self._order(look[0])]
 

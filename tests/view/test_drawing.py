@@ -199,3 +199,14 @@ def test_stiffness_is_read_off_the_legend():
     assert len(colors) == 2
     assert any(np.allclose(color, ramp_table()[-1]) for color in colors)
     assert any(np.allclose(color, ramp_table()[len(ramp_table()) // 4 - 1], atol=0.02) for color in colors)
+
+
+def test_what_sinks_into_a_floor_is_drawn_on_it():
+    """3 mm deep: drawn on the ground, or the ground would hide it; 20 cm deep it has fallen through, and shows so."""
+    for shape in (Box(points=(4, 4, 4)), Ball(resolution=4)):
+        still = Still(Scene(jello=(shape,), collider=(Plane(),)))
+        for height, lowest in ((0.497, 0.0), (0.3, -0.2)):
+            drawing = drawing_at(still.put(still.body.rest + [0.0, height, 0.0]))
+            drawn = drawing.skin.triangles.x[:, 1].min()
+            assert lowest <= drawn + 1e-6 and drawn < lowest + 0.01
+            assert drawing.points[:, 1].min() == pytest.approx(height - 0.5, abs=1e-6)
