@@ -9,7 +9,7 @@ from taichi_jello.physics.integrators import schemes
 FRAME = 1.0 / 60.0  # s; run times are told for one drawn frame
 MARKS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # errors for which the fastest method is named
 NEAR = 1e-3  # m, of the sentence
-COARSE = 0.03  # errors above it are no measure of an order
+COARSE = 0.01  # errors above it are no measure of an order
 FITTED = 3  # points, the finest that the reference can tell apart
 
 

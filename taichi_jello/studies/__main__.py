@@ -1,0 +1,68 @@
+"""All studies that draw, into a folder, and a table into a README: `python -m taichi_jello.studies shots README.md`.
+
+Each leaves NAME.json and NAME.png. The table stands between the lines `<!-- accuracy -->` and `<!-- end -->`.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from taichi_jello.cli import main as jello
+from taichi_jello.options import studies
+from taichi_jello.studies._report import FIGURES
+from taichi_jello.studies._verdict import fastest
+
+BEGIN, END = "<!-- accuracy -->", "<!-- end -->"
+GOALS = (1e-2, 1e-3, 1e-4, 1e-5)  # errors of the table's columns
+
+
+def accuracy_table(told: dict[str, Any]) -> str:
+    """The fastest method to each error, by case, as Markdown."""
+    heads = ["case", *(f"to {100 * goal:g} % of the edge" for goal in GOALS), "float32 comes to", "reference known to"]
+    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    for case in told["cases"]:
+        cells = [f"{case['case']}: {case['shows']}"]
+        for goal in GOALS:
+            best = fastest(case, goal)
+            cells.append(f"{best['method']} {best['precision']}, {best['ms_a_frame']:.2g} ms" if best else "-")
+        cells.append(f"{case['float32_floor']:.0e}" if case["float32_floor"] else "-")
+        lines.append("| " + " | ".join([*cells, f"{case['disagreement']:.0e}"]) + " |")
+    return "\n".join(lines)
+
+
+def put_table(readme: Path, table: str) -> None:
+    """Replace what stands between the marks. Raises ValueError if they are not there."""
+    page = readme.read_text(encoding="utf-8")
+    before, begin, rest = page.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise ValueError(f"{readme}: expected the lines {BEGIN} and {END}")
+    readme.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}", encoding="utf-8")
+
+
+def main(arguments: list[str]) -> int:
+    drawn = [name for name, study in studies().items() if ".png" in getattr(study, "PLOTS", FIGURES)]
+    drawn = [name for name in drawn if hasattr(studies()[name], "plot")]
+    parser = argparse.ArgumentParser(prog="python -m taichi_jello.studies", description="Studies as JSON and pictures.")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("readme", type=Path, nargs="?")
+    parser.add_argument("--only", action="append", choices=drawn, help="one study, may be given again")
+    parser.add_argument("--method", metavar="NAMES", help="only these, separated by commas")
+    parser.add_argument("--quick", action="store_true", help="reduced ladders")
+    chosen = parser.parse_args(arguments)
+    for name in chosen.only or drawn:
+        files = ["--json", str(chosen.folder / f"{name}.json"), "--plot", str(chosen.folder / f"{name}.png")]
+        methods = ["--method", chosen.method] if chosen.method else []
+        status = jello(["study", name, *files, *methods, *["--quick"] * chosen.quick])
+        if status:
+            return status
+    if chosen.readme:
+        told = json.loads((chosen.folder / "accuracy.json").read_text(encoding="utf-8"))
+        put_table(chosen.readme, accuracy_table(told))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,26 @@
+"""The README's figures come from the files beside its pictures, and one command makes them."""
+
+import json
+
+import pytest
+
+from taichi_jello.studies import __main__ as regenerate
+
+
+def test_one_command_makes_picture_figures_and_table(tmp_path, capsys):
+    readme = tmp_path / "README.md"
+    readme.write_text("before\n<!-- accuracy -->\nold\n<!-- end -->\nafter\n")
+    options = ["--quick", "--only", "accuracy", "--method", "rk4"]
+    assert regenerate.main([str(tmp_path), str(readme), *options]) == 0
+    told = json.loads((tmp_path / "accuracy.json").read_text())
+    page = readme.read_text()
+    assert page.startswith("before\n<!-- accuracy -->\n| case |") and page.endswith("<!-- end -->\nafter\n")
+    assert "| rk4 f" in page and "old" not in page and told["cases"][0]["case"] in page
+    assert (tmp_path / "accuracy.png").read_bytes()[:4] == b"\x89PNG"
+    assert "To be within 1 mm" in capsys.readouterr().out
+
+
+def test_a_readme_without_marks_is_named(tmp_path):
+    (tmp_path / "x.md").write_text("nothing here")
+    with pytest.raises(ValueError, match=r"x\.md: expected the lines <!-- accuracy --> and <!-- end -->"):
+        regenerate.put_table(tmp_path / "x.md", "")
