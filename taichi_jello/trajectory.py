@@ -13,6 +13,7 @@ from taichi_jello.simulation import Simulation, Snapshot
 
 # What a state and a scene must have in common, and how nearly: their shapes, not what they are made of.
 SAME = {"jello": 0.0, "springs": 0.0, "rest_length": 1e-6}
+MEMORY = "memory_"  # begins the names of the arrays of a snapshot's memory
 
 
 class Trajectory:
@@ -31,7 +32,8 @@ class Trajectory:
 
     def arrays(self) -> dict[str, Any]:
         """F moments, N particles, S springs, T triangles: time (F,), x and v (F, N, 3), energy_* (F,), the body's
-        arrays, dt and method; with a ledger also work_* (F,), done until then, and energy_residual (F,)."""
+        arrays, dt and method; with a ledger also work_* (F,), done until then, and energy_residual (F,); and memory_*,
+        what a run of springs that change needs to go on from the last moment."""
         body, simulation = self.simulation.body, self.simulation
         names = ("mass", "jello", "springs", "rest_length", "stiffness", "damping", "family", "surface")
         return (
@@ -48,6 +50,7 @@ class Trajectory:
                 for name in book
             }
             | {"dt": np.array(simulation.dt), "method": np.array(simulation.method)}
+            | {f"{MEMORY}{name}": values for moment, _ in self.moments[-1:] for name, values in moment.memory.items()}
         )
 
     def save(self, path: Path) -> None:
@@ -79,9 +82,13 @@ def last_moment(path: Path, body: Body) -> Snapshot:
                 own = getattr(body, name)
                 if name in arrays and (arrays[name].shape != own.shape or not np.allclose(arrays[name], own, close)):
                     raise ValueError(f"{name}: expected a state of this scene, it is of another one")
+            memory = {name.removeprefix(MEMORY): arrays[name] for name in arrays if name.startswith(MEMORY)}
+            shapes = ((), (len(body.springs),), (int(body.jello.max()) + 1,))
+            if any(values.shape not in shapes for values in memory.values()):
+                raise ValueError("memory: expected a state of this scene, it is of another one")
             time = float(arrays["time"].ravel()[-1]) if "time" in arrays and arrays["time"].size else 0.0
     except (zipfile.BadZipFile, EOFError):
         raise ValueError("expected a whole NPZ file, this one is damaged") from None
     if x.ndim == 3 and v.ndim == 3 and len(x) and len(v):
         x, v = x[-1], v[-1]
-    return Snapshot(time, x, v)
+    return Snapshot(time, x, v, memory)
