@@ -2,6 +2,8 @@
 
 import contextlib
 import os
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -351,6 +353,19 @@ def write_help(sheet: Sheet) -> None:
         sheet.text(meaning, x + 270.0 * s, line, 12.5 * s)
 
 
+def leave_when_asked(viewer: Viewer) -> dict[int, Any]:
+    """A closed terminal or a system that shuts down ends the window as Esc does. The signals, and what they did."""
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    names = ("SIGTERM", "SIGHUP")
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+
+    def leave(*_: Any) -> None:
+        viewer.leaving = True
+
+    return {number: signal.signal(number, leave) for number in numbers}
+
+
 def play(
     simulation: Any,
     size: tuple[int, int] = (1280, 720),
@@ -363,14 +378,15 @@ def play(
     over.
 
     color: one of COLORS, by default the scene's; folder: where P saves pictures; make: makes a simulation of the scene
-    that N goes to. Raises RuntimeProblem
-    without a Vulkan driver or a screen.
+    that N goes to. Raises RuntimeProblem without a Vulkan driver or a screen. A film that is not ended then is ended
+    and printed.
     """
     from taichi_jello.view.screen import Screen
 
     viewer = Viewer(simulation, color, folder, make)
     screen = Screen(size, simulation.scene.title or "jello", viewer.keep)
     before = time.perf_counter()
+    asked = leave_when_asked(viewer)
     try:
         while screen.running and not viewer.leaving and (seconds is None or viewer.simulation.time < seconds):
             screen.listen(viewer)
@@ -382,5 +398,9 @@ def play(
             if viewer.catch_up():
                 before = time.perf_counter()
     finally:
-        viewer.stop_film()
+        for number, handler in asked.items():
+            signal.signal(number, handler)
+        if viewer.filming:
+            viewer.stop_film()
+            print(viewer.notice, flush=True)
         screen.close()

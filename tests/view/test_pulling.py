@@ -47,6 +47,29 @@ def test_dragged_to_a_corner_it_rests_within_3_pixels_of_the_cursor():
         viewer.release("left")
 
 
+def test_two_jellos_are_grabbed_in_turn_also_while_paused():
+    """One cube is pulled aside, then the other; the one that is not held stays where it is."""
+    cubes = [Box(points=(3, 3, 3), size=(0.6, 0.6, 0.6), position=(x, 0.4, 0.0)) for x in (-0.6, 0.6)]
+    viewer = opened(Scene(jello=cubes, gravity=(0.0, 0.0, 0.0)))
+    simulation = viewer.simulation
+    for jello, way in ((0, -150.0), (1, 150.0)):
+        own = simulation.body.jello == jello
+        at = viewer.viewpoint.project(simulation.x[own].mean(0)[None], viewer.size)[0]
+        before = simulation.x
+        viewer.handle_key(" ")
+        viewer.press("left", tuple(at))
+        assert set(simulation.body.jello[list(simulation.held.particles)]) == {jello}
+        viewer.move((at[0] + way, at[1]))
+        assert viewer.advance(0.1) == 0 and np.array_equal(simulation.x, before)
+        viewer.handle_key(" ")
+        for _ in range(90):
+            viewer.step()
+        moved = (simulation.x - before)[:, 0]
+        assert moved[own].mean() * np.sign(way) > 0.15 and abs(moved[~own].mean()) < 0.1
+        viewer.release("left")
+        viewer.step()
+
+
 @pytest.mark.parametrize("stiffness", [1.0, 200.0, 1e5])
 def test_no_motion_of_the_mouse_breaks_a_jello(stiffness):
     """Every frame another place up to metres away, now and then towards the eye or away from it; let go and grabbed

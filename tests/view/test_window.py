@@ -4,6 +4,7 @@ import ctypes
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -198,6 +199,15 @@ def test_the_close_button_ends_it_cleanly_and_keeps_the_film(person):
         frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
     assert len(frames) >= 2 and frames[0].shape == (360, 640, 3)
     assert np.ptp(frames[0].mean((0, 1))) > 0.5  # a picture, not a grey nothing
+
+
+def test_a_closed_terminal_ends_it_as_esc_does(person):
+    person.press("v", "v")
+    time.sleep(0.7)
+    person.viewer.send_signal(signal.SIGHUP)
+    assert person.viewer.wait(15) == 0
+    (film,) = person.folder.glob("*.mp4")
+    assert f"saved {film.name}" in person.log and "left" in person.log
 
 
 def test_a_hidden_and_a_resized_window_go_on(person):
