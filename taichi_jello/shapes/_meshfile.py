@@ -77,4 +77,6 @@ def flaws(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int]:
     ways = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     forth, back = ways[:, 0] * len(points) + ways[:, 1], ways[:, 1] * len(points) + ways[:, 0]
     key, count = np.unique(forth, return_counts=True)
-    return int(np.count_nonzero(~np.isin(key, back))), int(np.count_nonzero(count > 1))
+    back.sort()
+    met = back[np.minimum(np.searchsorted(back, key), len(back) - 1)] == key
+    return int(np.count_nonzero(~met)), int(np.count_nonzero(count > 1))

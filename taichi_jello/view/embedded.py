@@ -57,10 +57,12 @@ class Embedded:
         start, faces = smooth_patches(rest, body.skin)
         # Corners of triangles at the same point whose patches have the same triangles are drawn as one point.
         corner = body.skin.ravel().astype(np.int64)
-        first, total = faces[start[:-1]].astype(np.int64), np.add.reduceat(faces.astype(np.int64) ** 2, start[:-1])
-        _, chosen, which = np.unique(
-            np.stack([corner, first, total], 1), axis=0, return_index=True, return_inverse=True
-        )
+        names = np.random.default_rng(0).integers(2**53, size=len(body.skin))  # whose sums tell sets of faces apart
+        patch = np.add.reduceat(names[faces], start[:-1])
+        order = np.lexsort((patch, corner))
+        new = (np.diff(corner[order], prepend=-1) != 0) | (np.diff(patch[order], prepend=-1) != 0)
+        chosen, which = order[new], np.empty(len(order), np.int64)
+        which[order] = np.cumsum(new) - 1
         point, count = corner[chosen], np.diff(start)[chosen]
         own = np.repeat(start[:-1][chosen] - np.cumsum(count) + count, count) + np.arange(count.sum())
         self.index = np.ascontiguousarray(which.reshape(-1, 3), np.int32)
