@@ -38,6 +38,12 @@ class Neighbours:
         self.bins = 1 << (2 * self.count - 1).bit_length()
         self.first = np.searchsorted(body.jello, np.arange(self.jellos))
         self.points, self.nodes = table("points", touching.points), table("elements", touching.nodes)
+        self.bare, self.skinned = touching.bare, touching.bare < self.count
+        if self.skinned:
+            self.corners, self.weights = (
+                table("skin corners", touching.corners),
+                table("skin weights", touching.weights),
+            )
         self.jello, self.radius = table("jello", body.jello), table("radius", touching.radius)
         self.margin = memory.zeros(title, "margins", (self.jellos,))
         self.reach = memory.zeros(title, "reach", (self.jellos,))
@@ -96,6 +102,17 @@ class Neighbours:
         return np.hstack([zone_low, zone_high])
 
     @ti.func
+    def at(self, q, x):
+        """What the point q has of a field x of the particles."""
+        p = x[self.points[q]]
+        if ti.static(self.skinned):  # noqa: SIM102
+            if q >= self.bare:
+                p *= 0.0
+                for k in range(8):
+                    p += self.weights[q - self.bare][k] * x[self.corners[q - self.bare][k]]
+        return p
+
+    @ti.func
     def bin_at(self, place):
         """The bin of a cell of the grid."""
         return (place[0] * 73856093 ^ place[1] * 19349663 ^ place[2] * 83492791) & (self.bins - 1)
@@ -151,7 +168,7 @@ class Neighbours:
         ti.loop_config(serialize=self.serial)
         for q in range(self.count):
             self.start[q + 1] = 0
-            p, j = x[self.points[q]], self.jello[self.points[q]]
+            p, j = self.at(q, x), self.jello[self.points[q]]
             self.bin_of[q] = -1
             if self.in_zone(p, p, j, zones):
                 self.bin_of[q] = self.bin_at(ti.floor(p / width, ti.i32))
@@ -164,8 +181,8 @@ class Neighbours:
         for q in range(self.count):
             if self.bin_of[q] >= 0:
                 place = ti.atomic_add(self.cursor[self.bin_of[q]], 1)
-                i = self.points[q]
-                self.items[place], self.item_jello[place], self.item_x[place] = q, self.jello[i], x[i]
+                self.items[place], self.item_jello[place] = q, self.jello[self.points[q]]
+                self.item_x[place] = self.at(q, x)
         ti.loop_config(serialize=self.serial, block_dim=64)
         for e in range(self.elements):
             low, high = self.box(e, x)

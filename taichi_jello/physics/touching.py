@@ -5,7 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichi_jello.body import Body
+from taichi_jello.physics.forces.skin_contact import shares
 
+FAR = 1e30  # m
+HALVES = np.array([[0, 1, 3], [0, 2, 3]])  # of a face, by the corners of FACES
 FACES = np.array([[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 4, 5], [2, 3, 6, 7], [0, 2, 4, 6], [1, 3, 5, 7]])
 THICKNESS = {"sheet": 0.25, "rope": 0.5}  # the radius of a thin body, in lengths of its structural springs
 
@@ -15,18 +18,28 @@ class Touching:
     """Q points, each a particle of a surface, and E elements: the cells of solid bodies, then the triangles of thin
     ones, then the segments of ropes.
 
-    points (Q,): particles; nodes (E, 8): particles, the last repeated for triangles and segments; solid: how many
-    elements are cells. faces (F, 4): points; exits and way (C, 6): see ways_out; inner (Q,): see inner_neighbours;
+    The first `bare` points are particles of surfaces, the others points of embedded skins, Σ weight · x[corner].
+    points (Q,): the particle, or the corner with the greatest weight; corners, weights (Q - bare, 8); share (Q,): how
+    much of a particle of the surface each stands for; inner (Q,): particles, see inner_neighbours.
+    nodes (E, 8): particles, the last repeated for triangles and segments; solid: how many elements are cells.
+    exits, way (C, 6): the groups of triangles by which a point in a cell may leave, and how far [m] they are through
+    the undeformed body, none at an infinite distance; zero where the skin passes through the cell itself. Group g is
+    the triangles[start[g]:start[g + 1]], (T, 3) of points, outward where they are a skin's.
     radius (J,) [m] of each jello, zero for solid ones; spacing (J,) [m] between its points.
     """
 
+    bare: int
     points: np.ndarray
+    corners: np.ndarray
+    weights: np.ndarray
+    share: np.ndarray
+    inner: np.ndarray
     nodes: np.ndarray
     solid: int
-    faces: np.ndarray
     exits: np.ndarray
     way: np.ndarray
-    inner: np.ndarray
+    start: np.ndarray
+    triangles: np.ndarray
     radius: np.ndarray
     spacing: np.ndarray
 
@@ -48,23 +61,85 @@ class Touching:
                 np.concatenate([segments, np.repeat(segments[:, 1:], 6, 1)], 1),
             ]
         )
-        faces, leave, way = ways_out(body.rest, body.cells)
-        points = np.unique(np.concatenate([faces.ravel(), np.flatnonzero(~is_solid[body.jello])]))
+        faces, owner, exits, way = ways_out(body.rest, body.cells)
+        bare = np.unique(
+            np.concatenate([faces[~body.embedded[faces[:, 0]]].ravel(), np.flatnonzero(~is_solid[body.jello])])
+        )
         point_of = np.full(len(body), -1, np.int32)
-        point_of[points] = np.arange(len(points))
+        point_of[bare] = np.arange(len(bare))
+        start, triangles = np.arange(0, 2 * len(faces) + 1, 2), point_of[faces[:, HALVES]].reshape(-1, 3)
+        if len(body.skin):
+            which, length, first, members = skin_exits(body, owner, exits, way)
+            skinned = body.embedded[body.cells[:, :1]]
+            exits, way = np.where(skinned, len(faces) + which, exits), np.where(skinned, length, way)
+            start = np.concatenate([start[:-1], len(triangles) + first])
+            triangles = np.concatenate([triangles, len(bare) + body.skin[members]])
         spacing = _spacing(body, structural, jellos)
-        share = np.select([is_solid, is_sheet], [0.0, THICKNESS["sheet"]], THICKNESS["rope"])
+        thick = np.select([is_solid, is_sheet], [0.0, THICKNESS["sheet"]], THICKNESS["rope"])
+        main = np.take_along_axis(body.skin_corners, body.skin_weights.argmax(1)[:, None], 1)[:, 0]
+        points = np.concatenate([bare, main]).astype(np.int32)
         return cls(
-            points=points.astype(np.int32),
+            bare=len(bare),
+            points=points,
+            corners=body.skin_corners,
+            weights=body.skin_weights,
+            share=np.concatenate([np.ones(len(bare)), skin_shares(body)]),
+            inner=inner_neighbours(body.rest, body.cells)[points],
             nodes=nodes.astype(np.int32),
             solid=len(body.cells),
-            faces=point_of[faces],
-            exits=leave,
-            way=way,
-            inner=inner_neighbours(body.rest, body.cells)[points],
-            radius=share * spacing,
+            exits=np.maximum(exits, 0).astype(np.int32),
+            way=np.minimum(way, FAR),
+            start=start.astype(np.int32),
+            triangles=triangles.astype(np.int32),
+            radius=thick * spacing,
             spacing=spacing,
         )
+
+    @property
+    def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The points that each particle i is part of: those from first[i] to first[i + 1], and its weight in each."""
+        particle = np.concatenate([self.points[: self.bare], self.corners.ravel()])
+        point = np.concatenate([np.arange(self.bare), self.bare + np.repeat(np.arange(len(self.corners)), 8)])
+        weight = np.concatenate([np.ones(self.bare), self.weights.ravel()])
+        some = weight > 0.0
+        order = np.argsort(particle[some], kind="stable")
+        first = np.searchsorted(particle[some][order], np.arange(particle.max() + 2))
+        return first, point[some][order], weight[some][order]
+
+
+def skin_shares(body: Body) -> np.ndarray:
+    """(V,) see SkinContact's `shares`; at least half of what is usual, since what presses on a point in all is bounded
+    by its share, and on a tiny one next to nothing could."""
+    if not len(body.skin):
+        return np.zeros(0)
+    share = shares(body)
+    return np.maximum(share, 0.5 * share.mean())
+
+
+def skin_exits(body: Body, owner: np.ndarray, exits: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, ...]:
+    """For each cell the groups (C, 6) of skin triangles by which it is left and the way (C, 6) to them; and these
+    groups: where each starts, and their triangles. The skin is left by its triangles in a cell and in those beside it;
+    a cell that it does not pass through, as the cells are in which its straight ways out end; see ways_out."""
+    number = {corners.tobytes(): c for c, corners in enumerate(body.cells.astype(np.int32))}
+    held = np.array([number[corners.tobytes()] for corners in body.skin_corners.astype(np.int32)])
+    members: list[set[int]] = [set() for _ in body.cells]
+    for triangle, corners in enumerate(held[body.skin].tolist()):
+        for cell in corners:
+            members[cell].add(triangle)
+    beside = [[b for b in row if b >= 0] for row in _beside(body.cells).tolist()]
+    near = [members[c].union(*(members[b] for b in around)) for c, around in enumerate(beside)]
+    crossed = body.embedded[body.cells[:, 0]] & ~body.inside[body.cells].all(1)
+    crossed[held] = True
+    passed = np.flatnonzero(crossed)
+    groups = [sorted(near[c] or set().union(*(near[b] for b in beside[c]))) for c in passed]
+    group_of = np.full(len(body.cells), -1)
+    group_of[passed] = np.arange(len(passed))
+    which = group_of[owner[exits]]
+    length = np.where(which >= 0, way, np.inf)
+    which[passed], length[passed] = group_of[passed, None], np.inf
+    length[passed, 0] = 0.0
+    start = np.cumsum([0] + [len(group) for group in groups])
+    return which, length, start, np.array([triangle for group in groups for triangle in group])
 
 
 def _spacing(body: Body, structural: np.ndarray, jellos: int) -> np.ndarray:
@@ -81,32 +156,36 @@ def _spacing(body: Body, structural: np.ndarray, jellos: int) -> np.ndarray:
     return np.where(spacing > 0.0, spacing, spacing.max() or 1.0)
 
 
-def ways_out(rest: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The six straight ways out of each of the (C, 8) cells, along its own axes: faces (F, 4), the open ones, corner
-    2a + b at a, b steps along their axes; exits (C, 6), the face in which the way down and up the x, y and z axis
-    ends; length (C, 6) [m] of that way through the undeformed body."""
-    corners = cells[:, FACES].reshape(-1, 4)
-    _, which, count = np.unique(np.sort(corners, 1), axis=0, return_inverse=True, return_counts=True)
-    which = which.ravel()
-    is_open = count[which] == 1
-    order = np.argsort(which, kind="stable")
-    pair = order[~is_open[order]].reshape(-1, 2)
+def _beside(cells: np.ndarray) -> np.ndarray:
+    """(C, 6): the cell across each of FACES, -1 where there is none."""
+    _, which, count = np.unique(
+        np.sort(cells[:, FACES].reshape(-1, 4), 1), axis=0, return_inverse=True, return_counts=True
+    )
+    order = np.argsort(which.ravel(), kind="stable")
+    pair = order[count[which.ravel()[order]] == 2].reshape(-1, 2)
     across = np.full(6 * len(cells), -1)
     across[pair] = pair[:, ::-1] // 6
-    beyond_face = across.reshape(-1, 6)
+    return across.reshape(-1, 6)
+
+
+def ways_out(rest: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The six straight ways out of each of the (C, 8) cells, along its own axes: faces (F, 4), the open ones, corner
+    2a + b at a, b steps along their axes; owner (F,), their cells; exits (C, 6), the face in which the way down and up
+    the x, y and z axis ends; way (C, 6) [m], how long it is in the undeformed body, infinite if it has no end."""
+    beside = _beside(cells)
+    corners, is_open = cells[:, FACES], beside < 0
     middle = rest[cells].mean(1)
-    exits = np.where(is_open, np.cumsum(is_open) - 1, -1).reshape(-1, 6).astype(np.int32)
-    length = np.where(exits >= 0, np.linalg.norm(rest[cells[:, FACES]].mean(2) - middle[:, None], axis=2), np.inf)
-    for _ in range(len(cells)):
-        closed = exits < 0
-        if not closed.any():
+    exits = np.where(is_open, np.cumsum(is_open).reshape(-1, 6) - 1, -1)
+    way = np.where(is_open, np.linalg.norm(rest[corners].mean(2) - middle[:, None], axis=2), np.inf)
+    side, step = np.indices(exits.shape)[1], np.linalg.norm(middle[beside] - middle[:, None], axis=2)
+    while True:
+        found = (exits < 0) & (exits[beside, side] >= 0)
+        if not found.any():
             break
-        beyond = np.where(closed, beyond_face, 0)
-        side = np.broadcast_to(np.arange(6), beyond.shape)
-        step = np.linalg.norm(middle[beyond] - middle[:, None], axis=2)
-        exits = np.where(closed, exits[beyond, side], exits)
-        length = np.where(closed, length[beyond, side] + step, length)
-    return corners[is_open], exits, length
+        way = np.where(found, way[beside, side] + step, way)
+        exits = np.where(found, exits[beside, side], exits)
+    owner = np.repeat(np.arange(len(cells)), 6).reshape(-1, 6)[is_open]
+    return corners[is_open], owner, np.maximum(exits, 0), way
 
 
 def inner_neighbours(rest: np.ndarray, cells: np.ndarray) -> np.ndarray:

@@ -120,6 +120,22 @@ def test_a_stack_at_rest_has_no_gaps():
     assert np.abs(under[inner, 1] - over[1:3, 1:3, 1].mean()).max() < 0.05 / 3  # of the spacing
 
 
+def test_an_embedded_skin_touches_where_it_is_and_keeps_momentum():
+    """A ball is thrown at a cube: it turns round when its skin is there, not the cells that carry it."""
+    ball = Ball(radius=0.4, resolution=4, position=(1.1, 0.05, 0.02), velocity=(-1.0, 0.0, 0.0))
+    simulation = Simulation(Scene(**WEIGHTLESS, jello=[cube(0.0, 0.0, 0.0), ball]))
+    body, before = simulation.body, momentum(simulation)
+    touched = None
+    while simulation.time < 0.8:
+        simulation.frame()
+        if simulation.energies()["contact"] > 0.0 and touched is None:
+            touched = body.skin_points(simulation.x)[:, 0].min()
+    # At most a frame's way, 1/60 m, into the face at 0.5 m.
+    assert 0.48 < touched < 0.5
+    assert simulation.v[body.jello == 1, 0].mean() > 0.0
+    assert np.abs(momentum(simulation) - before).max() <= 1e-6
+
+
 @pytest.mark.filterwarnings("ignore:dt = ")
 def test_forces_are_opposite_and_lead_downhill(forces):
     """Without damping and friction the force is the slope of the energy: by differences on points that touch."""
@@ -190,7 +206,7 @@ def test_wrong_values_are_named():
 
 def test_ways_out_are_straight_and_inner_neighbours_opposite():
     body = join([Box(points=(4, 5, 6), size=(3.0, 4.0, 5.0)).body(), Ball(resolution=6).body()])
-    faces, exits, way = ways_out(body.rest, body.cells)
+    faces, _, exits, way = ways_out(body.rest, body.cells)
     middle = body.rest[body.cells].mean(1)
     for side in range(6):
         step = body.rest[faces[exits[:, side]]].mean(1) - middle

@@ -15,13 +15,14 @@ import taichi as ti
 
 from taichi_jello.physics.forces._base import ParticleForce, Rates, block, even_block
 from taichi_jello.physics.forces.contact import pressure, rub
+from taichi_jello.physics.forces.skin_contact import SkinContact
 from taichi_jello.physics.neighbours import Neighbours
-from taichi_jello.physics.touching import Touching
+from taichi_jello.physics.touching import FAR, Touching
 
 AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and left out
 SLOTS = 12  # contacts of a point that are listed; if it has more, all contacts are looked through
 UNIT = 1024  # a whole contact in the count of what presses on a point, in which a corner has its share
-FAR, TINY = 1e30, 1e-9  # m
+TINY = 1e-9  # m
 SAME = 0.5  # the cosine above which a face faces as the point does that would leave by it
 LOAD = 2  # whole contacts that press on one point with full stiffness: its own and one that it is a corner of
 
@@ -82,13 +83,20 @@ class Touch(ParticleForce):
             return memory.table(self.title, name, values)
 
         contacts, point_of = AT_ONCE * self.points, np.full(memory.padded, -1, np.int32)
-        point_of[touching.points] = np.arange(self.points)
+        point_of[touching.points[: touching.bare]] = np.arange(touching.bare)
         self.law = table("law", np.array([self._law()]))
         self.point_of = table("point of each particle", point_of)
         if self.has_solid:
-            self.faces, self.exits = table("faces", touching.faces), table("exits of each cell", touching.exits)
+            self.exits, self.triangles = table("exits of each cell", touching.exits), table("exits", touching.triangles)
+            self.exit_start = table("starts of exits", touching.start)
             self.way, self.inner = table("ways to them", touching.way), table("inner neighbours", touching.inner)
             self.spacing = table("spacing", touching.spacing)
+        self.inverse_mass = self._steepest(body, touching)
+        if self.near.skinned:
+            self.shares = table("shares", touching.share)
+            first, around, parts = touching.rows
+            self.first, self.around = table("points of each particle", first), table("those points", around)
+            self.in_it = table("its parts in them", parts)
         self.force = memory.zeros(self.title, "forces", (contacts, 3))
         self.depth = memory.zeros(self.title, "depths", (contacts,))
         self.corners = memory.zeros(self.title, "touched corners", (contacts, 3), whole=True)
@@ -109,6 +117,12 @@ class Touch(ParticleForce):
         """The viscous part of friction [N·s/m]: with it all contacts of a point damp as much as one with a collider."""
         return sqrt(self.contact.stiffness * float(self.particles.body.mass.min())) / (2.0 * LOAD)
 
+    @staticmethod
+    def _steepest(body, touching):
+        """How stiff unit springs at all points can be, over mass [1/kg]; see SkinContact."""
+        bare = 1.0 / float(body.mass[~body.embedded].min(initial=np.inf))
+        return max(bare, SkinContact._steepest(body, touching.share[touching.bare :]) if len(body.skin) else 0.0)
+
     def _law(self):
         return self.contact.stiffness, self.contact.damping, self.contact.friction, self.grip
 
@@ -122,9 +136,10 @@ class Touch(ParticleForce):
 
     def rates(self):
         """Row i of M⁻¹K sums to at most 2/m k Σ|g|, g its weight in each contact, and no load Σ|g| counts for more
-        than LOAD; the same holds for the dashpots. Friction as in contact with colliders."""
+        than LOAD, that of a skin's point for its share of it; the same holds for the dashpots. Friction as in contact
+        with colliders."""
         k, c = self.contact.stiffness, self.contact.damping
-        most = 2.0 * LOAD / float(self.particles.body.mass.min())
+        most = 2.0 * LOAD * self.inverse_mass
         return Rates(
             squared_frequency=most * k * hypot(1.0, self.contact.friction),
             damping=most * max(c, self.grip if self.rubs else 0.0),
@@ -154,7 +169,7 @@ class Touch(ParticleForce):
         """The contacts of the points first … last - 1: with each other jello the first of its cells that holds the
         point, or the nearest of its triangles and segments within reach."""
         for q in range(first, last):
-            p = x[self.near.points[q]]
+            p = self.near.at(q, x)
             met, jello, solid, best = 0, -1, False, ti.cast(FAR, float)
             corners, weights = ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
             end = self.near.start[q + 1]
@@ -188,23 +203,32 @@ class Touch(ParticleForce):
         same, least = 0, ti.cast(FAR, float)
         for k in range(6):
             axis = (x[self.near.nodes[e][4 >> (k >> 1)]] - a) * (2.0 * (k & 1) - 1.0)
-            if axis.dot(out) > SAME * axis.norm() * out.norm():
+            if self.way[e][k] > 0.0 and axis.dot(out) > SAME * axis.norm() * out.norm():
                 same |= 1 << k
             else:
                 least = ti.min(least, self.way[e][k])
         least += self.spacing[self.near.jello[self.near.nodes[e][0]]]
         best, corners, weights = ti.cast(FAR, float), ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
-        for k in range(12):  # both triangles of each face
-            if (same >> (k >> 1)) & 1 == 0 and self.way[e][k >> 1] <= least:
-                face = self.faces[self.exits[e][k >> 1]]
-                triangle = ti.Vector([face[0], ti.select(k & 1, face[2], face[1]), face[3]])
-                best, corners, weights = self.nearer(p, triangle, best, corners, weights, x)
+        for k in range(6):
+            if (same >> k) & 1 == 0 and self.way[e][k] <= least and least < FAR:
+                group = self.exits[e][k]
+                for t in range(self.exit_start[group], self.exit_start[group + 1]):
+                    best, corners, weights = self.nearer(p, self.triangles[t], best, corners, weights, x)
+        if ti.static(self.near.skinned):  # noqa: SIM102
+            if self.way[e][0] == 0.0 and self.is_outside(p, corners, x):
+                best = FAR
         return best, corners, weights
+
+    @ti.func
+    def is_outside(self, p, corners, x):
+        """Whether p is on the outer side of a skin's triangle, the nearest one to it."""
+        a, b, c = self.near.at(corners[0], x), self.near.at(corners[1], x), self.near.at(corners[2], x)
+        return (b - a).cross(c - a).dot(p - a) > 0.0
 
     @ti.func
     def nearer(self, p, triangle, best, corners, weights, x):
         """The nearest place so far: its distance from p, its triangle's corners and their weights."""
-        a, b, c = x[self.near.points[triangle[0]]], x[self.near.points[triangle[1]]], x[self.near.points[triangle[2]]]
+        a, b, c = self.near.at(triangle[0], x), self.near.at(triangle[1], x), self.near.at(triangle[2], x)
         w = nearest(p, a, b, c)
         distance = (w[0] * a + w[1] * b + w[2] * c - p).norm()
         less = distance < best
@@ -214,43 +238,46 @@ class Touch(ParticleForce):
     def press(self, q, number, corners, weights, distance, solid, x, v):
         """Write down contact `number` of point q, which is `distance` [m] from the place on a surface that it touches:
         inside a solid, or outside a thin body."""
-        i = self.near.points[q]
-        place, speed = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+        i, j = self.near.points[q], self.near.points[corners[0]]
+        a, b, c = self.near.at(corners[0], x), self.near.at(corners[1], x), self.near.at(corners[2], x)
+        place, speed = weights[0] * a + weights[1] * b + weights[2] * c, ti.Vector([0.0, 0.0, 0.0])
         for k in ti.static(range(3)):
-            place += weights[k] * x[self.near.points[corners[k]]]
-            speed += weights[k] * v[self.near.points[corners[k]]]
-        out = ti.select(solid, place - x[i], x[i] - place)
-        a, b, c = x[self.near.points[corners[0]]], x[self.near.points[corners[1]]], x[self.near.points[corners[2]]]
-        flat = (b - a).cross(c - a)
+            speed += weights[k] * self.near.at(corners[k], v)
+        p = self.near.at(q, x)
+        out = ti.select(solid, place - p, p - place)
         if distance < TINY:
-            out = flat
+            out = (b - a).cross(c - a)
         n = out / ti.max(out.norm(), 1e-30)
         depth = ti.cast(distance, float)
         if not solid:
-            depth = (
-                self.near.radius[self.near.jello[i]]
-                + self.near.radius[self.near.jello[self.near.points[corners[0]]]]
-                - distance
-            )
-        contact, law, slide = q * AT_ONCE + number, self.law[0], v[i] - speed
+            depth = self.near.radius[self.near.jello[i]] + self.near.radius[self.near.jello[j]] - distance
+        contact, law, slide = q * AT_ONCE + number, self.part(q) * self.law[0], self.near.at(q, v) - speed
         force = ti.Vector([0.0, 0.0, 0.0])
         if depth > 0.0:
             outwards = slide.dot(n)
             pressed = pressure(depth, outwards, law[0], law[1])
             force = pressed * n
             if ti.static(self.rubs):
-                force += rub(pressed, slide - outwards * n, law[2], law[3])
-            self.note(contact, q, 1.0)
+                force += rub(pressed, slide - outwards * n, self.law[0][2], law[3])
+            self.note(contact, q, self.part(q))
             for k in ti.static(range(3)):
                 if weights[k] > 0.0:
-                    self.note(contact, corners[k], weights[k])
+                    self.note(contact, corners[k], self.part(q) * weights[k])
         self.force[contact], self.depth[contact] = force, ti.max(depth, 0.0)
         self.corners[contact], self.weights[contact] = corners, weights
 
     @ti.func
+    def part(self, q):
+        """How much of a particle of the surface the point stands for."""
+        share = ti.cast(1.0, float)
+        if ti.static(self.near.skinned):
+            share = self.shares[q]
+        return share
+
+    @ti.func
     def note(self, contact, q, weight):
         """List a contact with point q, on which it presses with its weight."""
-        ti.atomic_add(self.load[q], int(UNIT * weight + 0.5))
+        ti.atomic_add(self.load[q], int(UNIT * weight / self.part(q) + 0.5))
         place = ti.atomic_add(self.listed[q], 1)
         if place < SLOTS:
             self.list[q * SLOTS + place] = contact
@@ -282,7 +309,11 @@ class Touch(ParticleForce):
         return contact
 
     @ti.func
-    def part(self, contact, q):
+    def rounds(self, q):
+        return ti.select(self.listed[q] > SLOTS, AT_ONCE * self.points, self.listed[q])
+
+    @ti.func
+    def weight_in(self, contact, q):
         """The weight g of point q in a contact: 1 for the point itself, less than 0 for a corner."""
         g = ti.cast(0.0, float)
         if contact % AT_ONCE < self.own[contact // AT_ONCE]:
@@ -294,46 +325,78 @@ class Touch(ParticleForce):
         return g
 
     @ti.func
-    def on(self, i, x, v, t):
-        """Contacts were listed in any order; they are added in that of their numbers."""
-        force, q = ti.Vector([0.0, 0.0, 0.0]), self.point_of[i]
-        if q >= 0:
-            before = -1
-            for r in range(ti.select(self.listed[q] > SLOTS, AT_ONCE * self.points, self.listed[q])):
-                contact = self.following(q, before, r)
-                before = contact
-                g = self.part(contact, q)
-                if g != 0.0:
-                    force += g * self.share(contact) * self.force[contact]
+    def felt(self, q):
+        """The force [N] on a point. Contacts were listed in any order; they are added in that of their numbers."""
+        force, before = ti.Vector([0.0, 0.0, 0.0]), -1
+        for r in range(self.rounds(q)):
+            contact = self.following(q, before, r)
+            before = contact
+            g = self.weight_in(contact, q)
+            if g != 0.0:
+                force += g * self.share(contact) * self.force[contact]
         return force
 
     @ti.func
-    def curvature(self, i, x, v, t, c):
+    def on(self, i, x, v, t):
+        force = ti.Vector([0.0, 0.0, 0.0])
+        if ti.static(self.near.skinned):
+            for k in range(self.first[i], self.first[i + 1]):
+                if self.listed[self.around[k]] > 0:
+                    force += self.in_it[k] * self.felt(self.around[k])
+        else:
+            if self.point_of[i] >= 0:
+                force = self.felt(self.point_of[i])
+        return force
+
+    @ti.func
+    def resists(self, q, c):
         """The weights of a contact, without their signs, sum to 2: twice |g| times its block bounds what ties this
         point to the others. It stiffens along its force; across, friction at its stickiest."""
-        total, q, law = even_block(ti.cast(0.0, float)), self.point_of[i], self.law[0]
-        if q >= 0:
-            before = -1
-            for r in range(ti.select(self.listed[q] > SLOTS, AT_ONCE * self.points, self.listed[q])):
-                contact = self.following(q, before, r)
-                before = contact
-                g, pull = ti.abs(self.part(contact, q)), self.force[contact].norm()
-                if g * pull > 0.0:
-                    across = ti.cast(0.0, float)
-                    if ti.static(self.rubs):
-                        across = law[3] / c
-                    both = 2.0 * g * self.share(contact)
-                    total += both * block(across, law[0] + law[1] / c, self.force[contact] / pull)
+        total, before, law = even_block(ti.cast(0.0, float)), -1, self.law[0]
+        for r in range(self.rounds(q)):
+            contact = self.following(q, before, r)
+            before = contact
+            g, pull = ti.abs(self.weight_in(contact, q)), self.force[contact].norm()
+            if g * pull > 0.0:
+                across = ti.cast(0.0, float)
+                if ti.static(self.rubs):
+                    across = law[3] / c
+                both = 2.0 * g * self.part(contact // AT_ONCE) * self.share(contact)
+                total += both * block(across, law[0] + law[1] / c, self.force[contact] / pull)
+        return total
+
+    @ti.func
+    def curvature(self, i, x, v, t, c):
+        """That of the points that the particle belongs to, each times its part: the parts in one point sum to 1."""
+        total = even_block(ti.cast(0.0, float))
+        if ti.static(self.near.skinned):
+            for k in range(self.first[i], self.first[i + 1]):
+                if self.listed[self.around[k]] > 0:
+                    total += self.in_it[k] * self.resists(self.around[k], c)
+        else:
+            if self.point_of[i] >= 0:
+                total = self.resists(self.point_of[i], c)
+        return total
+
+    @ti.func
+    def stored(self, q):
+        """½ k depth² of the contacts of a point; k as much as they count for."""
+        total = ti.cast(0.0, float)
+        for contact in range(q * AT_ONCE, q * AT_ONCE + self.own[q]):
+            depth = self.depth[contact]
+            total += 0.5 * self.part(q) * self.law[0][0] * self.share(contact) * depth * depth
         return total
 
     @ti.func
     def energy(self, i, x, t):
-        """½ k depth² of the contacts of the point itself; k as much as they count for."""
-        total, q = ti.cast(0.0, float), self.point_of[i]
-        if q >= 0:
-            for contact in range(q * AT_ONCE, q * AT_ONCE + self.own[q]):
-                depth = self.depth[contact]
-                total += 0.5 * self.law[0][0] * self.share(contact) * depth * depth
+        """A particle's part in what the points that it belongs to have stored."""
+        total = ti.cast(0.0, float)
+        if ti.static(self.near.skinned):
+            for k in range(self.first[i], self.first[i + 1]):
+                total += self.in_it[k] * self.stored(self.around[k])
+        else:
+            if self.point_of[i] >= 0:
+                total = self.stored(self.point_of[i])
         return total
 
     def refresh(self, x, v, positions, dt):
