@@ -1,6 +1,6 @@
 """A sheet is pinned along two sides; jellos are dropped on it, and it carries them."""
 
-from taichi_jello import Box, Camera, Contact, Pin, Plane, Scene, Sheet
+from taichi_jello import Box, Camera, Contact, Pin, Plane, Scene, Sheet, Solver
 
 
 def scene() -> Scene:
@@ -35,5 +35,6 @@ def scene() -> Scene:
         jello=[bridge, *cubes],
         collider=[Plane()],
         contact=Contact(stiffness=300.0, damping=0.1, friction=0.5),
+        solver=Solver(method="rk4"),
         camera=Camera(eye=(1.7, 2.0, 3.3), target=(0.0, 0.8, 0.0)),
     )

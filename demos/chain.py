@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichi_jello import Camera, Contact, Pin, Ring, Scene
+from taichi_jello import Camera, Contact, Pin, Ring, Scene, Solver
 
 RADIUS, THICKNESS, LINKS = 0.2, 0.09, 7
 STEP = 2.0 * RADIUS - THICKNESS - 0.01  # m between middles: the rings do not quite touch at first
@@ -30,5 +30,6 @@ def scene() -> Scene:
             for k in range(LINKS)
         ],
         contact=Contact(stiffness=800.0, damping=0.2, friction=0.2),
+        solver=Solver(method="rk4"),
         camera=Camera(eye=(0.3, 1.6, 3.7), target=(-0.45, 1.35, 0.0)),
     )
