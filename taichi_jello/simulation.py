@@ -12,6 +12,7 @@ import numpy as np
 from taichi_jello import runtime
 from taichi_jello.assembly import assembled
 from taichi_jello.body import Body
+from taichi_jello.keyframes import offset
 from taichi_jello.physics.choice import AUTO, Choice, choose
 from taichi_jello.physics.colliders.room import Room
 from taichi_jello.physics.forces.grab import MOST, Hand, Held
@@ -97,7 +98,7 @@ class Simulation:
             if not isinstance(room, Room):
                 continue
             for j in range(len(self.scene.jello)):
-                low, high = self.body.extent(j)
+                low, high = (corner - offset(room.keyframe, 0.0) for corner in self.body.extent(j))
                 if np.any(low < np.array(room.min) - 1e-9) or np.any(high > np.array(room.max) + 1e-9):
                     raise SceneError(
                         f"collider.{c}",

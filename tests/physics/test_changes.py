@@ -4,7 +4,19 @@ import numpy as np
 import pytest
 from reference import spring_forces, twisted
 
-from taichi_jello import Box, GravityKeyframe, Keyframe, Move, Plane, Region, Scene, SceneError, Simulation, Snapshot
+from taichi_jello import (
+    Box,
+    GravityKeyframe,
+    Keyframe,
+    Move,
+    Plane,
+    Region,
+    Room,
+    Scene,
+    SceneError,
+    Simulation,
+    Snapshot,
+)
 from taichi_jello.physics.forces.springs import Springs
 
 WEIGHTLESS = (0.0, 0.0, 0.0)
@@ -140,6 +152,13 @@ def test_colliders_follow_their_keyframes():
     simulation = Simulation(Scene(jello=[cube(damping=1.0, position=(0.0, 0.51, 0.0))], collider=[plane]))
     simulation.advance(1.5)
     assert simulation.x[:, 1].min() == pytest.approx(0.8, abs=0.02)
+
+
+def test_a_room_that_begins_elsewhere_must_hold_the_jello_there():
+    up = [Move(time=0.0, offset=(0.0, 5.0, 0.0))]
+    Simulation(Scene(jello=[cube(position=(0.0, 6.0, 0.0))], collider=[Room(keyframe=up)]))
+    with pytest.raises(SceneError, match=r"collider.0: expected a box around jello.0"):
+        Simulation(Scene(jello=[cube(position=(0.0, 1.0, 0.0))], collider=[Room(keyframe=up)]))
 
 
 def test_the_step_is_safe_for_the_stiffest_keyframe():
