@@ -1,0 +1,114 @@
+"""Stiff and extreme cases for every method: finite, energy never fed, shape recovered, side kept, and what it costs."""
+
+import argparse
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_jello import runtime
+from taichi_jello.physics.choice import AUTO
+from taichi_jello.physics.integrators import schemes
+from taichi_jello.progress import bar
+from taichi_jello.scene import SceneError
+from taichi_jello.simulation import Diverged, Simulation, StepWarning
+from taichi_jello.studies._extremes import CASES, Extreme
+from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table
+
+QUICK = (AUTO, "rk4", "backward-euler")
+FED = 1e-5  # of the greatest energy, by which backward Euler may add to it: rounding
+SWAPPED = 0.5  # by which the others may: they swap energy with their own error, and must not feed it
+
+
+def measure(chosen: argparse.Namespace) -> dict[str, Any]:
+    """A row for each case and method; with --quick the methods `auto` chooses from. --method a,b: these alone."""
+    methods = chosen.method.split(",") if chosen.method else list(QUICK) if chosen.quick else [AUTO, *sorted(schemes())]
+    told: dict[str, Any] = machine() | {"precision": chosen.precision, "rows": [], "interrupted": False}
+    pairs = [(case, method) for case in CASES for method in methods]
+    try:
+        for case, method in bar(pairs, "stress", quiet=chosen.quiet):
+            runtime.start(chosen.arch, chosen.precision, chosen.threads)
+            told["rows"].append({"case": case.name, "asked": method} | stand(case, method))
+    except KeyboardInterrupt:
+        told["interrupted"] = True
+    return told
+
+
+def stand(case: Extreme, method: str) -> dict[str, Any]:
+    """What comes of one case: a verdict, "ok" or what is wrong or why the method refuses, and figures."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StepWarning)
+            simulation = case.simulation(method=method)
+    except SceneError as refused:
+        return {"verdict": f"refuses: {refused.problem.partition(';')[0]}", "passes": True}
+    start = case.begin(simulation.x)
+    simulation.restore(type(simulation.start)(0.0, start, simulation.start.v))
+    row = {"method": simulation.method, "substeps": simulation.substeps, "dt": simulation.dt}
+    energy = [total(simulation)]
+    began = time.process_time()
+    try:
+        for _ in range(round(case.seconds / simulation.frame_dt)):
+            simulation.frame()
+            energy.append(total(simulation))
+    except Diverged as bad:
+        return row | {"verdict": f"stops: {bad}", "passes": False}
+    seconds = time.process_time() - began
+    body = simulation.body
+    least = 1e-5 * float(np.sum(body.stiffness * body.rest_length**2)) + 1e-12  # all springs stretched by 0.5 %
+    scale = max(max(energy) - min(energy), least)
+    rise = float(max(np.diff(energy).max() if method == "backward-euler" else max(energy) - energy[0], 0.0) / scale)
+    allowed = FED if simulation.method == "backward-euler" else SWAPPED
+    wrong = case.demand(simulation, start) or ("" if rise <= allowed else f"energy rises by {rise:.1e}")
+    solver = getattr(simulation.system.integrator, "solver", None)
+    frames = len(energy) - 1
+    return row | {
+        "verdict": wrong or "ok",
+        "passes": not wrong,
+        "rise": rise,
+        "evaluations": solver.counts.to_numpy()[4:].sum() / frames
+        if solver
+        else simulation.system.integrator.stages * simulation.substeps,
+        "ms_per_frame": 1e3 * seconds / frames,
+    }
+
+
+def total(simulation: Simulation) -> float:
+    return sum(simulation.energies().values())
+
+
+def text(told: dict[str, Any]) -> str:
+    heads = ("case", "method", "substeps", "evaluations a frame", "rise", "verdict")
+    rows = [
+        (r["case"], r["asked"] + (f" ({r['method']})" if r["asked"] == AUTO and "method" in r else ""),
+         r.get("substeps", "-"), r.get("evaluations", "-"), r.get("rise", "-"), r["verdict"])
+        for r in told["rows"]
+    ]  # fmt: skip
+    failed = sum(not r["passes"] for r in told["rows"])
+    last = f"{len(told['rows'])} runs, {failed} of them failed" + (", interrupted" if told["interrupted"] else "")
+    return "\n".join([headline(told), table(heads, rows), last])
+
+
+def rows(told: dict[str, Any]) -> list[dict[str, Any]]:
+    columns = ("case", "asked", "method", "substeps", "dt", "evaluations", "rise", "ms_per_frame", "passes", "verdict")
+    return [{key: row.get(key) for key in columns} for row in told["rows"]]
+
+
+def plot(told: dict[str, Any], path: Path) -> None:
+    """A square for each case and method: green ok, grey refused, red failed."""
+    cases = list(dict.fromkeys(row["case"] for row in told["rows"]))
+    methods = list(dict.fromkeys(row["asked"] for row in told["rows"]))
+    figure = new_figure(3.5 + 0.8 * len(methods), 1.2 + 0.32 * len(cases))
+    axes = figure.add_subplot()
+    for row in told["rows"]:
+        color = "#3a9d5d" if row["verdict"] == "ok" else "#b0b0b0" if row["passes"] else "#d0392b"
+        place = methods.index(row["asked"]), cases.index(row["case"])
+        axes.scatter(*place, s=160, marker="s", color=color)
+    axes.set_xticks(range(len(methods)), methods, rotation=35, ha="right")
+    axes.set_yticks(range(len(cases)), cases)
+    axes.invert_yaxis()
+    axes.set_title("stress cases: green ok, grey refused, red failed", fontsize=10)
+    axes.margins(0.08)
+    save_figure(figure, path)
