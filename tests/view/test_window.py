@@ -100,6 +100,7 @@ class Person:
         window = self.wait_for(lambda: self.tool("search", "--name", "^probe$"), 60.0).split()[0]
         self.tool("windowfocus", window)
         self.window = window
+        self.wait_for((folder / "state").exists, 60.0)  # a first picture is compiled first
         time.sleep(0.5)
 
     @property
