@@ -1,10 +1,13 @@
 """The README's figures come from the files beside its pictures, and one command makes them."""
 
 import json
+from pathlib import Path
 
 import pytest
 
 from taichi_jello.studies import __main__ as regenerate
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_one_command_makes_picture_figures_and_table(tmp_path, capsys):
@@ -24,3 +27,8 @@ def test_a_readme_without_marks_is_named(tmp_path):
     (tmp_path / "x.md").write_text("nothing here")
     with pytest.raises(ValueError, match=r"x\.md: expected the lines <!-- accuracy --> and <!-- end -->"):
         regenerate.put_table(tmp_path / "x.md", "")
+
+
+def test_the_readme_s_table_is_what_the_committed_figures_say():
+    told = json.loads((ROOT / "shots" / "accuracy.json").read_text())
+    assert regenerate.accuracy_table(told) in (ROOT / "README.md").read_text()
