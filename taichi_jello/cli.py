@@ -142,7 +142,9 @@ def do_run(chosen: argparse.Namespace) -> None:
     )
     if chosen.ledger:
         work = ", ".join(f"{name} {joules:.4g}" for name, joules in simulation.work.items())
-        say(chosen, f"work [J] {work or 'none'}; residual {simulation.energy_residual:.3g}")
+        lost = ", ".join(simulation.system.ledger.unbooked)
+        lost = f", with what {lost} loses" if lost else ""
+        say(chosen, f"work [J] {work or 'none'}; residual {simulation.energy_residual:.3g}{lost}")
     if plot_path:
         with plotting(plot_path):
             energy_plot.draw(trajectory.arrays(), scene.title or chosen.scene, plot_path)

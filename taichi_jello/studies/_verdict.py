@@ -80,7 +80,7 @@ def told(case: dict[str, Any], found: dict[str, Any]) -> list[str]:
         line = f"fastest to {who['error']:g}: {who['method']} {who['precision']} at dt = {who['dt']:.3g} s, "
         line += f"{who['ms_a_frame']:.3g} ms a frame"
         if who["next"]:
-            line += f"; {who['next']} takes {who['times_as_long']:.2g} times as long"
+            line += f"; {who['next']} takes {who['times_as_long']:.1f} times as long"
         lines.append(line)
     return lines
 

@@ -150,3 +150,9 @@ def test_without_a_ledger_there_is_no_field_and_no_residual():
     assert abs(with_it.energy_residual) < 1e-4 * abs(with_it.work["dashpots"])
     with pytest.raises(ValueError, match="keeps no ledger"):
         _ = without.energy_residual
+
+
+def test_what_is_not_booked_is_named():
+    two = Scene(jello=[CUBE, Box(points=(2, 2, 2), position=(3.0, 0.0, 0.0))])
+    assert Simulation(two, ledger=True).system.ledger.unbooked == ["touch"]
+    assert Simulation(SMOOTH, ledger=True).system.ledger.unbooked == []
