@@ -24,7 +24,7 @@ from taichi_jello.studies._verdict import FRAME, conclude
 RUNGS, LEAST_RUNGS = 8, 5  # steps on a ladder, each half of the one before
 TIMINGS, LEAST_TIMINGS = 7, 3
 LONG = 0.2  # s that one timing lasts, if there is time for it
-SECONDS = {False: 120.0, True: 4.0}  # for all timings together, by --quick
+SECONDS = {False: 80.0, True: 4.0}  # for all timings together, by --quick
 SOLVE = 30  # passes over the springs that a solve takes, about
 SPRINGS = 1e8  # that are passed in a second, about: it turns seconds into work, so that a rerun has the same ladders
 
