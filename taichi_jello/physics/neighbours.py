@@ -15,7 +15,7 @@ from taichi_jello.physics.touching import Touching
 ROOM = 40  # places in the list for each point
 SPARE = 0.8  # of a margin after which the lists are made again; the rest covers the step that follows
 OWN = 2.5  # distances between the points within which a jello does not touch itself: there its springs hold
-LEAST, MOST = 0.05, 0.5  # a margin's usual size, in distances between the points
+LEAST, MOST = 0.1, 0.6  # a margin's usual size, in distances between the points
 
 
 @ti.data_oriented
