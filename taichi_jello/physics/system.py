@@ -329,11 +329,12 @@ class System:
                 gained = self.handles.kinetic(good[:, 3:]) - self.handles.kinetic(self._good[:, 3:])
                 self._good = good
                 self._write(good)
+                self._forget()
         self.changes.begin(start, self._good[:, :3])
         for force in self.all_forces:
             force.begin_frame(start, end)
-        return gained
         self._refresh(end - start)
+        return gained
 
     def write(self, x: np.ndarray, v: np.ndarray) -> None:
         """Set the state, (N, 3) each, and remember it as good."""
