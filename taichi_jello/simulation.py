@@ -272,13 +272,14 @@ class Simulation:
         self.system.write(snapshot.x, snapshot.v)
         self.system.changes.recall(snapshot.memory)
         self.system.integrator.recall(snapshot.memory)
+        if snapshot.grip is not None and self._hand is not None:
+            self._hand.grip = snapshot.grip
+            self._follow_hand()
         if snapshot.clock is not None and snapshot.clock[3] == self.dt:
             self._time_before_frames, self._frames, self._done, _ = snapshot.clock
             self._begun = False
         else:
             self._set_time(snapshot.time)
-        if snapshot.grip is not None and self._hand is not None:
-            self._hand.grip = snapshot.grip
         self._open_books()
 
     def _set_time(self, time: float) -> None:
@@ -343,6 +344,11 @@ class Simulation:
         self._begun = False  # the frame that begins now begins with the hand's new place
         return self._hand
 
+    def _follow_hand(self) -> None:
+        """The hand's spring counts in the safe step, but only while it holds something."""
+        self.system.find_bound()
+        self._choose_step()
+
     def grab(self, particles: Any, weights: Any, target: Any) -> None:
         """Hold the point Σ weights x of one to MOST particles (24) and pull it to `target` (3,) [m], from now on.
         Raises ValueError if the scene has no Grab() force or the arguments cannot be."""
@@ -352,6 +358,7 @@ class Simulation:
         if share.shape != who.shape or np.any(share < -1e-6) or not abs(share.sum() - 1.0) < 1e-3:
             raise ValueError(f"weights: expected {who.size} that sum to 1, got {share.tolist()}")
         self._need_hand().take(who, np.maximum(share, 0.0), place)
+        self._follow_hand()
 
     def move_grab(self, target: Any) -> None:
         """Move the hand to `target` (3,) [m] in the course of the frame that follows."""
@@ -360,6 +367,7 @@ class Simulation:
     def release(self) -> None:
         """Let go."""
         self._need_hand().let_go()
+        self._follow_hand()
 
     def push(self, velocity: Any, jello: int | None = None) -> None:
         """Add `velocity` (3,) [m/s] to all free particles, or to those of one jello: a kick."""

@@ -72,11 +72,13 @@ class System:
         self.memory.fill()
         self.changes = Changes(scene, body, list(self.all_forces))
         self.drag = scene.drag
-        self.bound = self._largest_dt()
+        self.find_bound()
 
-    def _largest_dt(self) -> Bound:
+    def find_bound(self) -> None:
+        """Find the safe step of the forces as they are now."""
         self.rates = [force.rates() for force in self.all_forces]
-        return largest_dt(self.integrator.amplification, self.integrator.safety, self.rates, self.drag)
+        scheme = self.integrator
+        self.bound: Bound = largest_dt(scheme.amplification, scheme.safety, self.rates, self.drag)
 
     @property
     def tuning(self) -> dict[str, Any]:
@@ -94,7 +96,7 @@ class System:
             for force in owners:
                 force.tune(name, value)
         self.integrator.tuned()
-        self.bound = self._largest_dt()
+        self.find_bound()
 
     @staticmethod
     def _choose_team(owner: runtime.Runtime, particles: int) -> int:

@@ -168,7 +168,10 @@ class Hand(ParticleForce):
         return force
 
     def rates(self):
-        """The point's stiffness k Σw² is at most k, on particles of at least the least mass."""
+        """The point's stiffness k Σw² is at most k, on particles of at least the least mass. A hand that holds nothing
+        makes nothing swing."""
+        if not self.holds:
+            return Rates()
         return Rates(
             squared_frequency=self.stiffness / self.least_mass,
             damping=self.damping / self.least_mass + self.calm,
