@@ -25,8 +25,8 @@ SCENE = Scene(
 
 def final_state(arch, precision, threads, frames=2, **form):
     runtime.start(arch, precision, threads)
-    simulation = Simulation(SCENE, substeps=60, **form)
-    simulation.step(60 * frames)
+    simulation = Simulation(SCENE, substeps=20, **form)
+    simulation.step(20 * frames)
     return simulation.x, simulation.v
 
 
