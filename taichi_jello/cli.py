@@ -216,7 +216,7 @@ def do_video(chosen: argparse.Namespace) -> None:
 
 
 def play_in_window(chosen: argparse.Namespace) -> None:
-    from taichi_jello.view.viewer import play
+    from taichi_jello.view.play import play
 
     def make(scene: Scene) -> Simulation:
         return step_as_asked(chosen, playable(in_color(chosen, scene)))

@@ -46,7 +46,7 @@ def next_show(viewer: "Viewer") -> None:
 
 
 def ask_photo(viewer: "Viewer") -> None:
-    viewer.photo = True
+    viewer.pictures.asked = True
 
 
 def toggle_film(viewer: "Viewer") -> None:

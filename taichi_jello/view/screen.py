@@ -1,5 +1,5 @@
-"""The window itself: GGUI's events turned into what a Viewer understands, and its sheet drawn over the
-picture."""
+"""The window itself: GGUI's events turned into what a Viewer understands, and what is written drawn
+over the picture."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,6 +12,7 @@ from taichi_jello import runtime
 from taichi_jello.view.ggui import ROW, Ggui, require, screen_is_gone
 from taichi_jello.view.lastwords import LastWords
 from taichi_jello.view.legend import Sheet, legend
+from taichi_jello.view.overlay import overlay
 from taichi_jello.view.panel import Panel
 from taichi_jello.view.raster import Raster
 from taichi_jello.view.viewer import Viewer
@@ -90,14 +91,14 @@ class Screen:
             self._panel.release()
 
     def show(self, viewer: Viewer) -> None:
-        """Draw the viewer's drawing, sheet and panel; pictures that were asked for hold the legend, but no state or
-        help."""
+        """Draw the viewer's drawing, what is written over it and the panel; pictures that were asked for hold the
+        legend, but no state or help."""
         self._painter.draw(viewer)
-        if viewer.photo or viewer.filming:
+        if viewer.pictures.asked or viewer.filming:
             image = self._painter.image(viewer)
             legend(viewer.drawing.key, viewer.simulation.time, viewer.size).stamp(image)
             viewer.take(image)
-        self._write(viewer.sheet())
+        self._write(overlay(viewer))
         self._panel.show(self._window.get_gui(), viewer)
         with self._last_words.hushed():
             self._renderer.show()

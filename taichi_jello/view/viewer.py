@@ -1,36 +1,26 @@
-"""The interactive window: what it shows, what keys and the mouse do, and the loop that keeps it going."""
+"""The interactive window: what it shows, and what keys and the mouse do."""
 
 import contextlib
 import os
-import signal
-import threading
-import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from taichi_jello.film import Film, FilmProblem
-from taichi_jello.record import unused, write_png
 from taichi_jello.replay import ReplayOver
 from taichi_jello.scene import COLORS, SHOWS, Scene
 from taichi_jello.simulation import Diverged, Simulation
-from taichi_jello.view import palette
-from taichi_jello.view.actions import HELP, KEYS
+from taichi_jello.view.actions import KEYS
 from taichi_jello.view.camera import Viewpoint
 from taichi_jello.view.drawing import HIDDEN, Drawing
 from taichi_jello.view.gauges import Gauges
-from taichi_jello.view.hand import Hand, mark
-from taichi_jello.view.legend import Sheet, legend
+from taichi_jello.view.hand import Hand
 from taichi_jello.view.pace import Pace
 from taichi_jello.view.picking import Pick, Place, pick, pick_skin, ray
-from taichi_jello.view.plot import plot
+from taichi_jello.view.pictures import FILM_RATE, Pictures
 from taichi_jello.view.renderers import drawing_of
-from taichi_jello.words import counted
 
 TOUCH = 0.01  # m that a jello may be pressed into what it touches
-FILM_RATE = 30  # frames a second of a film made in the window
 CLEARANCE = 0.05  # m between the floor and the eye
 ORBIT = 4.0  # rad for a drag across the whole height of the window
 
@@ -51,15 +41,13 @@ class Viewer:
         color = color or simulation.scene.camera.color
         if color not in COLORS:
             raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
-        # Absolute: while GGUI shows a picture the process works in another folder, and films are written meanwhile.
-        self.folder, self.size = Path(folder).resolve(), (1280, 720)
+        self.pictures, self.size = Pictures(folder), (1280, 720)
         self.make = make
-        self.paused = self.helping = self.panelled = self.leaving = self.photo = False
+        self.paused = self.helping = self.panelled = self.leaving = False
         self.pace = Pace()
         self._drawn = 0.0  # s from one drawn frame to the next, lately
         self._button, self._at = "", (0.0, 0.0)
         self._waiting: Callable[[], None] | None = None
-        self._film: Film | None = None
         self.play(simulation)
         self.color = color
 
@@ -246,58 +234,6 @@ class Viewer:
         if self.panelled:
             self.gauges.read(self.simulation, now.x, now.v)
 
-    def sheet(self) -> Sheet:
-        """The legend; at the top the state; and what is grabbed, plotted or explained."""
-        size = self.size
-        sheet = legend(self.drawing.key, self.simulation.time, size)
-        s = sheet.scale
-        words = f"{self.rate:.0f} fps"
-        if self.paused:
-            words += "   paused"
-        elif abs(self.pace.speed - 1.0) > 0.05:
-            words += f"   real time x {self.pace.speed:.2f}"
-        if self.unsafe:
-            words += "   unsafe dt"
-        sheet.text(words, size[0] - 28.0 * s, 40.0 * s, 12.5 * s, align=1.0)
-        sheet.text(self.simulation.scene.title or "jello", 28.0 * s, 40.0 * s, 12.5 * s)
-        if self.helping:
-            write_help(sheet)
-            return sheet
-        sheet.text(self.notice or "H: help", 28.0 * s, 62.0 * s, 10.0 * s, palette.INK if self.notice else palette.EDGE)
-        if self.panelled:
-            plot(sheet, self.gauges.past)
-        held = self.simulation.held if self.hand is not None or self.repeating else None
-        if held is not None:
-            mark(sheet, held, self.viewpoint)
-        return sheet
-
-    @property
-    def filming(self) -> bool:
-        return self._film is not None
-
-    def start_film(self) -> None:
-        """From now on the moments FILM_RATE a second go into a film in the folder; says in `notice` which, or why
-        not. Physics waits for each picture, so that none is missing."""
-        film = None
-        try:
-            film = Film(self._named(".mp4"), (self.size[0] // 2 * 2, self.size[1] // 2 * 2), FILM_RATE, keep=(OSError,))
-            self._film = film.__enter__()
-            self.notice = f"filming {film.path.name}; V ends it"
-        except (FilmProblem, OSError) as error:
-            self.notice = f"no film: {error.strerror or error if isinstance(error, OSError) else error}"
-
-    def stop_film(self) -> None:
-        """End the film, if there is one; what was filmed is kept."""
-        film, self._film = self._film, None
-        if film is not None:
-            try:
-                film.__exit__(None, None, None)
-                told = f"saved {film.path.name}: {counted(film.frames, 'frame')}"
-                self.notice = told if film.kept else "nothing was filmed"
-            except OSError as error:
-                kept = f"what {film.path.name} has so far is kept" if film.kept else "no film is kept"
-                self.notice = f"{error.strerror or error}: {kept}"
-
     def end_recording(self) -> str:
         """End the recording or the repeating of this play, if that is what is shown; what to tell of it."""
         if hasattr(self.simulation, "close"):
@@ -306,101 +242,23 @@ class Viewer:
 
     def keep(self) -> str:
         """End what is being recorded, if anything is, since the window is lost; what to tell of it."""
-        self.notice = ""
-        self.stop_film()
-        return "; ".join(filter(None, [self.notice, self.end_recording()]))
+        return "; ".join(filter(None, [self.pictures.stop_film(), self.end_recording()]))
+
+    @property
+    def filming(self) -> bool:
+        return self.pictures.filming
+
+    def start_film(self) -> None:
+        """Film from now on. Physics waits for each picture, so that none is missing."""
+        self.notice = self.pictures.start_film(self.simulation, self.size)
+
+    def stop_film(self) -> None:
+        """End the film, if there is one."""
+        self.notice = self.pictures.stop_film() or self.notice
 
     def take(self, image: np.ndarray) -> None:
         """A picture of this moment, (height, width, 3) uint8, for whoever asked for one."""
-        if self.photo:
-            self.save(image)
-        if self._film is not None and not self.paused:
-            width, height = self._film.size
-            try:
-                self._film.add(np.ascontiguousarray(image[:height, :width]))
-            except ValueError:  # a picture of another size
-                self.stop_film()
-                self.notice = f"the window changed its size: {self.notice}"
-            except OSError:  # the disk is full
-                self.stop_film()
-
-    def _named(self, suffix: str) -> Path:
-        """A file of the folder that is not there yet, named after scene and time."""
-        title = "".join(c if c.isalnum() or c in "-_" else "-" for c in self.simulation.scene.title) or "jello"
-        return unused(self.folder / f"{title}-{self.simulation.time:.3f}s{suffix}")
-
-    def save(self, image: np.ndarray) -> None:
-        """Write the picture into the folder, named after scene and time; says in `notice` where, or why
-        not."""
-        self.photo = False
-        path = self._named(".png")
-        try:
-            write_png(path, image)
-            self.notice = f"saved {path.name}"
-        except OSError as error:
-            self.notice = f"not saved: {error.strerror or error}"
-
-
-def write_help(sheet: Sheet) -> None:
-    """All keys, on a page in the middle."""
-    s = min(sheet.scale, sheet.size[0] / 740.0)
-    width, height = 700.0 * s, (len(HELP) * 26.0 + 36.0) * s
-    x, y = (sheet.size[0] - width) / 2.0, (sheet.size[1] - height) / 2.0
-    sheet.quad(x, y, width, height, palette.PAPER)
-    for k, (keys, meaning) in enumerate(HELP):
-        line = y + (38.0 + 26.0 * k) * s
-        sheet.text(keys, x + 30.0 * s, line, 12.5 * s)
-        sheet.text(meaning, x + 270.0 * s, line, 12.5 * s)
-
-
-def leave_when_asked(viewer: Viewer) -> dict[int, Any]:
-    """A closed terminal or a system that shuts down ends the window as Esc does. The signals, and what they did."""
-    if threading.current_thread() is not threading.main_thread():
-        return {}
-    names = ("SIGTERM", "SIGHUP")
-    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-
-    def leave(*_: Any) -> None:
-        viewer.leaving = True
-
-    return {number: signal.signal(number, leave) for number in numbers}
-
-
-def play(
-    simulation: Any,
-    size: tuple[int, int] = (1280, 720),
-    color: str = "",
-    folder: str | os.PathLike[str] = ".",
-    seconds: float | None = None,
-    make: Callable[[Scene], Any] = Simulation,
-) -> None:
-    """Show a simulation in a window until Esc or its close button, or until `seconds` of the simulation are
-    over.
-
-    color: one of COLORS, by default the scene's; folder: where P saves pictures; make: makes a simulation of the scene
-    that N goes to. Raises RuntimeProblem without a Vulkan driver or a screen. A film that is not ended then is ended
-    and printed.
-    """
-    from taichi_jello.view.screen import Screen
-
-    viewer = Viewer(simulation, color, folder, make)
-    screen = Screen(size, simulation.scene.title or "jello", viewer.keep)
-    before = time.perf_counter()
-    asked = leave_when_asked(viewer)
-    try:
-        while screen.running and not viewer.leaving and (seconds is None or viewer.simulation.time < seconds):
-            screen.listen(viewer)
-            now = time.perf_counter()
-            viewer.advance(now - before)
-            before = now
-            viewer.update()
-            screen.show(viewer)
-            if viewer.catch_up():
-                before = time.perf_counter()
-    finally:
-        for number, handler in asked.items():
-            signal.signal(number, handler)
-        if viewer.filming:
-            viewer.stop_film()
-            print(viewer.notice, flush=True)
-        screen.close()
+        if self.pictures.asked:
+            self.notice = self.pictures.save(self.simulation, image)
+        if self.filming and not self.paused:
+            self.notice = self.pictures.add(image) or self.notice

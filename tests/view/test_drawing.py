@@ -119,7 +119,7 @@ def test_ggui_without_a_driver_says_so(monkeypatch):
 
 
 def test_a_window_without_a_screen_says_so(monkeypatch, cube):
-    from taichi_jello.view.viewer import play
+    from taichi_jello.view.play import play
 
     monkeypatch.setattr("taichi_jello.view.ggui.has_vulkan", lambda: True)
     monkeypatch.setenv("DISPLAY", ":987")

@@ -13,6 +13,7 @@ from taichi_jello.physics.integrators import schemes
 from taichi_jello.scene import COLORS, SHOWS
 from taichi_jello.simulation import Diverged
 from taichi_jello.view.actions import HELP, KEYS, WIND
+from taichi_jello.view.overlay import overlay
 from taichi_jello.view.pace import BUDGET, MOST_FRAMES
 from taichi_jello.view.viewer import Viewer
 
@@ -197,7 +198,7 @@ def test_the_grip_is_drawn_with_its_force(viewer):
     at = grab_at(viewer)
     viewer.move((at[0] + 100.0, at[1]))
     viewer.update()
-    sheet = viewer.sheet()
+    sheet = overlay(viewer)
     assert any(text.words == "3.46 N" for text in sheet.texts)
     ends = np.concatenate([line.points for line in sheet.lines])
     assert np.abs(ends - at).max(1).min() < 0.5 and np.abs(ends - at - [100.0, 0.0]).max(1).min() < 0.5
@@ -245,9 +246,9 @@ def test_m_goes_to_the_next_method_once_that_was_told(viewer):
     viewer.catch_up()
     assert "is beyond its safe 1e-09 s" in viewer.notice
     viewer.update()
-    assert any("unsafe dt" in text.words for text in viewer.sheet().texts)
+    assert any("unsafe dt" in text.words for text in overlay(viewer).texts)
     viewer.simulation.safe_dt, viewer.simulation.method = 1.0, "rk4"
-    assert not any("unsafe dt" in text.words for text in viewer.sheet().texts)
+    assert not any("unsafe dt" in text.words for text in overlay(viewer).texts)
     for k in range(len(names)):
         viewer.handle_key("m")
         assert viewer.notice.startswith("compiling") and viewer.catch_up() and not viewer.catch_up()
@@ -302,14 +303,16 @@ def test_unknown_keys_do_nothing(viewer):
 
 def test_p_saves_a_named_picture_or_says_why_not(viewer, tmp_path):
     viewer.handle_key("p")
-    assert viewer.photo
-    viewer.save(np.zeros((4, 4, 3), np.uint8))
-    assert not viewer.photo and "jello-0.000s.png" in viewer.notice
+    assert viewer.pictures.asked
+    viewer.take(np.zeros((4, 4, 3), np.uint8))
+    assert not viewer.pictures.asked and "jello-0.000s.png" in viewer.notice
     assert (tmp_path / "jello-0.000s.png").stat().st_size > 0
-    viewer.save(np.zeros((4, 4, 3), np.uint8))
+    viewer.handle_key("p")
+    viewer.take(np.zeros((4, 4, 3), np.uint8))
     assert "jello-0.000s-2.png" in viewer.notice and len(list(tmp_path.glob("*.png"))) == 2
-    viewer.folder = tmp_path / "missing"
-    viewer.save(np.zeros((4, 4, 3), np.uint8))
+    viewer.pictures.folder = tmp_path / "missing"
+    viewer.handle_key("p")
+    viewer.take(np.zeros((4, 4, 3), np.uint8))
     assert viewer.notice.startswith("not saved")
 
 
@@ -353,7 +356,7 @@ def test_a_film_lands_where_the_program_was_started(tmp_path, monkeypatch):
 
 
 def test_a_film_that_cannot_be_is_told(viewer, tmp_path):
-    viewer.folder = tmp_path / "nowhere"
+    viewer.pictures.folder = tmp_path / "nowhere"
     viewer.handle_key("v")
     assert not viewer.filming and viewer.notice.startswith("no film: ")
 
@@ -369,7 +372,7 @@ def test_help_fits_the_window(viewer, size):
     viewer.size = size
     viewer.update()
     viewer.handle_key("h")
-    sheet = viewer.sheet()
+    sheet = overlay(viewer)
     page = max(sheet.quads, key=lambda quad: quad.width * quad.height)
     on_page = [text for text in sheet.texts if any(text.words in row for row in HELP)]
     assert len(on_page) >= 2 * len(HELP)
@@ -384,5 +387,5 @@ def test_state_is_written(viewer):
         viewer.advance(1.0 / 59.7)
     viewer.update()
     viewer.handle_key(" ")
-    words = [text.words for text in viewer.sheet().texts]
+    words = [text.words for text in overlay(viewer).texts]
     assert any("60 fps" in w and "paused" in w for w in words)
