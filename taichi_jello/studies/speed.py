@@ -9,7 +9,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -18,12 +18,15 @@ import taichi as ti
 from taichi_jello import runtime
 from taichi_jello.body import Body
 from taichi_jello.physics.colliders.plane import Plane
+from taichi_jello.progress import bar
 from taichi_jello.scene import Camera, Scene, Solver
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Simulation, StepWarning
-from taichi_jello.studies._report import headline, machine, spread
+from taichi_jello.studies._report import REPEATS, headline, machine, spread
 
 DT = 1e-6  # s; so short that nothing moves far: every pass does the same work
+LAUNCH = 200  # steps in a launch at most, about a drawn frame's
+PASSES = 2e7  # springs to be passed in a launch at most
 
 
 def numpy_step(body: Body) -> Callable[[], None]:
@@ -61,7 +64,7 @@ def kernel_row(
     simulation = lattice(n, method, team)
     system, springs = simulation.system, len(simulation.body.springs)
     passes = system.integrator.stages
-    batch = max(5, round(2e7 / (springs * passes)))  # about a drawn frame's substeps
+    batch = max(5, min(LAUNCH, round(PASSES / (springs * passes))))
 
     def run() -> None:
         system.steps(0, batch, DT)
@@ -92,21 +95,20 @@ def numpy_row(n: int, least: float) -> dict[str, Any]:
     }
 
 
-def renderer_rows(arch: str, least: float) -> list[dict[str, Any]]:
+def renderer_rows(arch: str, quick: bool, least: float, repeats: int) -> list[dict[str, Any]]:
     """Pictures of the cube at 1280×720 per second, drawing fields and read-back included."""
     from taichi_jello.view.ggui import available
     from taichi_jello.view.renderers import drawing_of, finished, open_renderer
 
+    runtime.start(arch)
+    simulation = Simulation(Scene(jello=[Box(position=(0.0, 0.8, 0.0))], camera=Camera()))
     rows = []
     for name in ["raster", *(["ggui"] if available() else [])]:
-        for samples, every in ((1, True), (1, False), (2, True)):
-            runtime.start(arch)
-            scene = Scene(jello=[Box(position=(0.0, 0.8, 0.0))], camera=Camera())
-            simulation = Simulation(scene)
+        for samples, every in ((1, True),) if quick else ((1, True), (1, False), (2, True)):
             drawing, renderer = drawing_of(simulation), open_renderer(name, (1280, 720), samples)
             if drawing.springs is not None:
                 drawing.springs.everything = every
-            seconds = spread(lambda: finished(renderer, drawing, simulation), least)  # noqa: B023
+            seconds = spread(lambda: finished(renderer, drawing, simulation), least, repeats)  # noqa: B023
             renderer.close()
             rows.append(
                 {
@@ -170,29 +172,57 @@ def start_up() -> dict[str, dict[str, float]]:
     return {state: {"min": min(times), "median": statistics.median(times)} for state, times in found.items()}
 
 
+def kernel_cases(arch: str, threads: int | None, quick: bool) -> Iterator[dict[str, Any]]:
+    """What `kernel_row` is asked for: sizes and threads, then parallel tasks, f64 and RK4; with `quick` small ones."""
+    euler: dict[str, Any] = {"precision": "f32", "method": "symplectic-euler"}
+    most = len(runtime.usable_cores()) if arch == "cpu" else 1
+    for n in (4, 8) if quick else (8, 16, 32, 64):
+        for number in sorted({1, min(threads or most, most)}):
+            if n > 4 or number == 1:
+                yield euler | {"n": n, "threads": number}
+    if arch == "cpu":
+        for n in (8,) if quick else (32, 64):
+            yield euler | {"n": n, "threads": most, "team": 0}
+    precisions = ["f32"] if arch in ("vulkan", "metal") else ["f32", "f64"]
+    for n in (8,) if quick else (8, 16):
+        for precision in precisions[1:]:
+            yield euler | {"n": n, "threads": 1, "precision": precision}
+    for precision in precisions[: 1 if quick else 2]:
+        yield euler | {"n": 8, "threads": 1, "precision": precision, "method": "rk4"}
+
+
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """All figures; with --quick small lattices and short timings."""
-    arch, cores = runtime.choose_arch(chosen.arch), runtime.usable_cores()
-    least = 0.02 if chosen.quick else 0.2
-    sizes = (4, 8) if chosen.quick else (8, 16, 32, 64)
-    rows = []
-    for n in sizes:
-        for threads in sorted({1, chosen.threads or len(cores)}) if arch == "cpu" else [1]:
-            rows.append(kernel_row(n, arch, "f32", threads, "symplectic-euler", least))
-    if arch == "cpu":
-        rows += [kernel_row(n, arch, "f32", len(cores), "symplectic-euler", least, team=0) for n in sizes[-2:]]
-        rows += [kernel_row(n, arch, "f64", 1, "symplectic-euler", least) for n in sizes[:2]]
-    precisions = ["f32"] if arch in ("vulkan", "metal") else ["f32", "f64"]
-    rows += [kernel_row(8, arch, number, 1, "rk4", least) for number in precisions]
+    arch = runtime.choose_arch(chosen.arch)
+    told: dict[str, Any] = machine() | {"kernels": [], "numpy_gather": [], "renderers": [], "window": {}}
+    told |= {"start_up_seconds": {}, "interrupted": False}
+    cases = list(kernel_cases(arch, chosen.threads, chosen.quick))
+    work = pieces(arch, cases, chosen.quick, told)
+    try:
+        for _ in bar(work, "speed", quiet=chosen.quiet, total=len(cases) + 4):
+            pass
+    except KeyboardInterrupt:
+        told["interrupted"] = True
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    return machine() | {
-        "kernels": rows,
-        "numpy_gather": [numpy_row(n, least) for n in sizes[:3]],
-        "renderers": renderer_rows(arch, least),
-        "window": window_row(arch, 20 if chosen.quick else 60),
-        "start_up_seconds": {} if chosen.quick else start_up(),
-        "peak_bytes_of_this_study": memory,
-    }
+    return told | {"peak_bytes_of_this_study": memory}
+
+
+def pieces(arch: str, cases: list[dict[str, Any]], quick: bool, told: dict[str, Any]) -> Iterator[None]:
+    """The work in pieces, each of which leaves what it found in `told`."""
+    least, repeats = (0.02, 3) if quick else (0.2, REPEATS)
+    for case in cases:
+        told["kernels"].append(kernel_row(**case, arch=arch, least=least))
+        yield
+    for n in sorted({case["n"] for case in cases})[:3]:
+        told["numpy_gather"].append(numpy_row(n, least))
+    yield
+    told["renderers"] = renderer_rows(arch, quick, least, repeats)
+    yield
+    told["window"] = window_row(arch, 20 if quick else 60)
+    yield
+    if not quick:
+        told["start_up_seconds"] = start_up()
+    yield
 
 
 def text(told: dict[str, Any]) -> str:
@@ -229,4 +259,6 @@ def text(told: dict[str, Any]) -> str:
         lines.append(
             f"`jello shot cube`, {state} kernel cache: {seconds['median']:.2f} s (at best {seconds['min']:.2f})"
         )
+    if told["interrupted"]:
+        lines.append("interrupted: the table holds what was measured until then")
     return "\n".join(lines)

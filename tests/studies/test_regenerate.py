@@ -1,16 +1,23 @@
 """The README's figures come from the files beside its pictures, and one command makes them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from taichi_jello.studies import __main__ as regenerate
+from taichi_jello.studies import _cases as cases
+from taichi_jello.studies import accuracy
 
 ROOT = Path(__file__).parents[2]
 
 
-def test_one_command_makes_picture_figures_and_table(tmp_path, capsys):
+def test_one_command_makes_picture_figures_and_table(tmp_path, capsys, monkeypatch):
+    smooth = cases.built_in(True)["smooth"]
+    small = replace(smooth, scene=replace(smooth.scene, jello=[replace(smooth.scene.jello[0], points=(3, 3, 3))]))
+    monkeypatch.setattr(accuracy, "built_in", lambda quick: {"smooth": small})
+    monkeypatch.setattr(accuracy, "SECONDS", {True: 0.3})
     readme = tmp_path / "README.md"
     readme.write_text("before\n<!-- accuracy -->\nold\n<!-- end -->\nafter\n")
     options = ["--quick", "--only", "accuracy", "--method", "rk4"]
@@ -20,6 +27,7 @@ def test_one_command_makes_picture_figures_and_table(tmp_path, capsys):
     assert page.startswith("before\n<!-- accuracy -->\n| case |") and page.endswith("<!-- end -->\nafter\n")
     assert "| rk4 f" in page and "old" not in page and told["cases"][0]["case"] in page
     assert (tmp_path / "accuracy.png").read_bytes()[:4] == b"\x89PNG"
+    assert [(p["method"], p["precision"]) for p in told["cases"][0]["points"]][:1] == [("rk4", "f64")]
     assert "To be within 1 mm" in capsys.readouterr().out
 
 

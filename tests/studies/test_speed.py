@@ -1,0 +1,31 @@
+"""The study of speed: what it measures, and what is left of it when it is interrupted."""
+
+import argparse
+
+import pytest
+
+from taichi_jello.studies import speed
+
+
+def test_ctrl_c_keeps_what_was_measured(monkeypatch):
+    found = [{"n": 8, "arch": "cpu", "precision": "f32", "threads": 1, "method": "rk4", "form": "team of 1",
+              "us_per_pass": {"min": 20.0, "median": 21.0}, "million_springs_per_second": 300.0, "ns_per_spring": 3.2,
+              "bytes_per_particle": 80.0}]  # fmt: skip
+
+    def row(**_):
+        if not found:
+            raise KeyboardInterrupt
+        return found.pop()
+
+    monkeypatch.setattr(speed, "kernel_row", row)
+    told = speed.measure(argparse.Namespace(arch="cpu", threads=1, quick=True, quiet=True))
+    page = speed.text(told)
+    assert told["interrupted"] and "       300  " in page
+    assert page.endswith("interrupted: the table holds what was measured until then")
+
+
+@pytest.mark.parametrize("arch", ["cpu", "vulkan"])
+def test_every_size_is_timed_on_one_thread_and_f64_where_there_is_one(arch):
+    cases = list(speed.kernel_cases(arch, None, False))
+    assert {case["n"] for case in cases if case["threads"] == 1} == {8, 16, 32, 64}
+    assert any(case["precision"] == "f64" for case in cases) == (arch == "cpu")
