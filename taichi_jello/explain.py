@@ -45,6 +45,7 @@ def facts(simulation: Simulation) -> dict[str, Any]:
             "safe_dt": bound.dt if np.isfinite(bound.dt) else None,
         },
         "method": simulation.method,
+        "automatic": system.integrator.automatic,
         "chosen": simulation.choice.reason if simulation.choice else "asked for",
         "dt": simulation.dt,
         "substeps": simulation.substeps,
@@ -83,6 +84,6 @@ def text(told: dict[str, Any]) -> str:
         "no limit: nothing swings" if not bound["squared_frequency"] else f"no limit: {told['method']} is implicit"
     )
     limit = endless if safe is None else f"safe dt = {safe:.4g} s (safety {bound['safety']:g} included)"
-    lines.append(f"  {limit}")
+    lines.append(f"  {limit}" + (f"; dt = auto takes {told['automatic']}" if told["automatic"] else ""))
     lines.append(f"  dt = {told['dt']:.4g} s: {told['substeps']} substeps of a {told['frame_dt']:.4g} s frame")
     return "\n".join(lines)

@@ -118,7 +118,8 @@ class Simulation:
                     f"{self.method} has no stable step for this scene (something swings undamped); "
                     "give dt in seconds, or another method such as rk4",
                 )
-            return max(1, ceil(self.frame_dt / safe * (1.0 - 1e-9)))
+            asked = self.system.integrator.automatic_dt(self.system.bound, self.frame_dt)
+            return max(1, ceil(self.frame_dt / asked * (1.0 - 1e-9)))
         else:
             chosen = max(1, ceil(self.frame_dt / float(dt) * (1.0 - 1e-9)))
             if float(dt) > self.frame_dt * (1.0 + 1e-6):

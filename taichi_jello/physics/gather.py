@@ -26,13 +26,15 @@ class GatherTable:
     """Block b owns the entries start[b] to start[b + 1]; entries (E, 3) int32: shift, mask, material;
     materials (M, 6): stiffness [N/m], rest length [m], damping [N·s/m], unit direction towards the neighbour.
     single: a spring's material is that of its entry plus its place in the block.
-    example (M,): a spring of each material, -1 where no spring has it."""
+    example (M,): a spring of each material, -1 where no spring has it. of_spring (S,): the material of each spring as
+    its lower particle sees it."""
 
     start: np.ndarray
     entries: np.ndarray
     materials: np.ndarray
     single: bool
     example: np.ndarray
+    of_spring: np.ndarray
 
 
 def reach(body: Body) -> int:
@@ -88,7 +90,7 @@ def pack(body: Body, apart: np.ndarray | None = None, single: bool = False) -> G
     blocks = -(-len(body) // LANES)
     entries = np.stack([rest - far, mask.view(np.int32), base], 1).astype(np.int32)
     start = np.searchsorted(block, np.arange(blocks + 1)).astype(np.int32)
-    return GatherTable(start, entries, materials, single, example)
+    return GatherTable(start, entries, materials, single, example, material[: len(i)])
 
 
 def _rank(key: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import taichi as ti
 from taichi_jello import runtime
 from taichi_jello.body import Body
 from taichi_jello.physics import forces as force_folder
-from taichi_jello.physics.bounds import Bound, largest_dt
+from taichi_jello.physics.bounds import Bound
 from taichi_jello.physics.changes import Changes
 from taichi_jello.physics.forces._base import ParticleForce
 from taichi_jello.physics.forces.springs import Springs
@@ -62,6 +62,7 @@ class System:
         self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
         damped = any(force.reads_velocity for force in self.all_forces)
         self.integrator = Scheme(self.memory, self.state, damped, body)
+        self.integrator.meet(self.all_forces)
         self.handles = Handles(scene, body)
         self.ledger: Any = Ledger(self.all_forces, self.memory, len(self.handles.held) > 0) if ledger else None
         self.books = self.ledger is not None and self.ledger.columns > 0
@@ -77,8 +78,7 @@ class System:
     def find_bound(self) -> None:
         """Find the safe step of the forces as they are now."""
         self.rates = [force.rates() for force in self.all_forces]
-        scheme = self.integrator
-        self.bound: Bound = largest_dt(scheme.amplification, scheme.safety, self.rates, self.drag)
+        self.bound: Bound = self.integrator.bound(self.all_forces, self.drag)
 
     @property
     def tuning(self) -> dict[str, Any]:
@@ -116,7 +116,7 @@ class System:
             self.wait_for_team()
         if ti.static(len(self.prepared) > 0):
             for force in ti.static(self.prepared):
-                force.prepare(self._share(first, force.points), self._share(last, force.points), x, v, t)
+                force.prepare(self.share_of(first, force.points), self.share_of(last, force.points), x, v, t)
             self.wait_for_team()  # until what the forces prepare is there
         for p in range(first // self.lanes, (last + self.lanes - 1) // self.lanes):
             start = p * self.lanes
@@ -138,10 +138,10 @@ class System:
     @ti.func
     def _tidy_up(self, first, last):
         for force in ti.static(self.tidied):
-            force.tidy(self._share(first, force.points), self._share(last, force.points))
+            force.tidy(self.share_of(first, force.points), self.share_of(last, force.points))
 
     @ti.func
-    def _share(self, particle, points):
+    def share_of(self, particle, points):
         """Where the points of a force are cut for a member of the team whose particles are cut at `particle`."""
         return ti.cast(ti.cast(particle, ti.i64) * points // self.count, ti.i32)
 

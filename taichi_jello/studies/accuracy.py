@@ -158,7 +158,7 @@ def one_point(case: Case, exact: Truth, simulation: Simulation, substeps: int) -
         "precision": simulation.system.owner.precision,
         "dt": simulation.frame_dt / substeps,
         "steps": steps,
-        "passes": None if simulation.system.integrator.solves else steps * simulation.system.integrator.stages,
+        "passes": None if simulation.system.integrator.solves else steps * simulation.system.integrator.passes,
     }
     start = time.perf_counter()
     try:

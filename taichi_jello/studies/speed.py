@@ -63,7 +63,7 @@ def kernel_row(
     runtime.start(arch, precision, threads)
     simulation = lattice(n, method, team)
     system, springs = simulation.system, len(simulation.body.springs)
-    passes = system.integrator.stages
+    passes = system.integrator.passes
     batch = max(5, min(LAUNCH, round(PASSES / (springs * passes))))
 
     def run() -> None:

@@ -70,7 +70,7 @@ def stand(case: Extreme, method: str) -> dict[str, Any]:
         "rise": rise,
         "evaluations": solver.counts.to_numpy()[4:].sum() / frames
         if solver
-        else simulation.system.integrator.stages * simulation.substeps,
+        else simulation.system.integrator.passes * simulation.substeps,
         "ms_per_frame": 1e3 * seconds / frames,
     }
 

@@ -64,6 +64,8 @@ class ParticleForce:
     [m/s]; `@ti.func watch(self, first, last, x, v, dt)`, which before each step looks whether the particles first …
     last - 1 may move too far in it; and `@ti.func stale(self)`, whether any may: then the step has to wait.
 
+    A force is `mutual` if what it does to some particles it does to others the other way.
+
     For the energy ledger (see physics/ledger.py) a force that stores energy and also has losses names these in
     `works` and defines `@ti.func powers(self, i, x, v, t)`, a vector with particle i's share of each [W].
     """
@@ -78,6 +80,7 @@ class ParticleForce:
     points: int = 0
     has_curvature: bool = False
     couples: bool = False
+    mutual: bool = False
     fresh: bool = True
     works: tuple[str, ...] = ()
     prepare: Any

@@ -43,6 +43,7 @@ class Springs(ParticleForce):
         packed.materials[:, 3:] *= tiny
         self.number, self.scales = memory.number, {"stiffness": 1.0, "damping": 1.0}
         self.written, self.example, self.single = packed.materials, packed.example, packed.single
+        self.of_spring = packed.of_spring
         self.damped = self.reads_velocity = bool(self.body.damping.any())
         self.works = ("dashpots",) if self.damped else ()
         self.lanes, self.Lanes = memory.lanes, memory.lane_vector

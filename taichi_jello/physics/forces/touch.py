@@ -68,7 +68,7 @@ class Touch(ParticleForce):
     title = "touch"
     energy_kind = "contact"
     reads_velocity = True
-    prepares = tidies = watches = has_curvature = True
+    prepares = tidies = watches = has_curvature = mutual = True
 
     def __init__(self, scene, particles, itself):
         body, memory = particles.body, particles.memory

@@ -5,13 +5,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from taichi_jello.body import Body
+from taichi_jello.physics.bounds import Bound, largest_dt
 from taichi_jello.physics.state import Memory, State
 
 
 class Integrator:
     """One scheme. A step from t to t + dt [s after the frame began] is: `stage` for s = 0 … stages - 1, then `finish`.
 
-    A subclass sets `name`, `order` (2 for error ∝ dt², …), `safety` and `stages`, and defines
+    A subclass sets `name`, `order` (2 for error ∝ dt², …), `safety` and `stages`, `automatic`, the rule in words, if
+    its `automatic_dt` is not the safe one, and defines
     - `@ti.func stage(self, system, first, last, s, t, dt)` and `@ti.func finish(self, system, first, last, t, dt)` for
       the particles first … last - 1: loops over these, which touch no others, and calls of `system.accelerations`,
       which waits until all particles are where they should be. They are compiled once each, within one loop over a
@@ -29,6 +31,7 @@ class Integrator:
     stages: int = 1
     has_begin: bool = False
     solves: bool = False
+    automatic: ClassVar[str] = ""
     solver: Any
     prepare: Any
     stage: Any
@@ -39,6 +42,22 @@ class Integrator:
         """Allocate what the scheme keeps between stages of stepping `state`, the particles of `body`; `damped`: forces
         read velocities."""
         raise TypeError(f"{type(self).__name__} must define __init__()")
+
+    def meet(self, forces: tuple[Any, ...]) -> None:
+        """Allocate what depends on the forces of the scene."""
+
+    @property
+    def passes(self) -> int:
+        """How often a step evaluates all springs, if it does not solve."""
+        return self.stages
+
+    def bound(self, forces: tuple[Any, ...], drag: float) -> Bound:
+        """The step that is safe with these forces as they are now."""
+        return largest_dt(self.amplification, self.safety, [force.rates() for force in forces], drag)
+
+    def automatic_dt(self, bound: Bound, frame_dt: float) -> float:
+        """The step [s] that dt = "auto" asks for."""
+        return bound.dt
 
     def tuned(self) -> None:
         """Numbers of a force have changed."""
