@@ -6,6 +6,7 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 __version__ = "0.1.0"
 
 from taichi_jello.keyframes import GravityKeyframe, Keyframe, Move
+from taichi_jello.physics.colliders.block import Block
 from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.colliders.room import Room
 from taichi_jello.physics.colliders.sphere import Sphere
@@ -23,6 +24,7 @@ from taichi_jello.simulation import Diverged, Simulation, Snapshot
 
 __all__ = [
     "Ball",
+    "Block",
     "Box",
     "CallableField",
     "Camera",

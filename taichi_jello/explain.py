@@ -24,10 +24,14 @@ def facts(simulation: Simulation) -> dict[str, Any]:
         "springs": {name: int(n) for name, n in zip(FAMILY_NAMES, count, strict=True) if n},
         "form": _form(system.team),
         "compiled_in": [force.title for force in system.all_forces]
+        + ["sweep"] * len(system.sweeps[:1])
         + [simulation.method]
         + system.particles.traits()
         + system.changes.present,
-        "left_out": system.absent + system.particles.absent_traits() + system.changes.absent,
+        "left_out": system.absent
+        + ["sweep"] * (not system.sweeps)
+        + system.particles.absent_traits()
+        + system.changes.absent,
         "fields": dict(fields),
         "bytes": sum(size for *_, size in system.memory.fields),
         "bound": {

@@ -84,7 +84,13 @@ class Collider(Checked):
 
     type: ClassVar[str]
     parts: ClassVar[dict[str, type[Checked]]] = {"keyframe": Move}
+    core_entry: ClassVar[Any] = None  # of a solid that could be passed through in one step: see physics/sweep.py
     keyframe: Sequence[Move] = ()
+
+    @property
+    def thickness(self) -> float:
+        """[m] The least way through it."""
+        return float("inf")
 
     def moved_rows(self, start: float, end: float) -> np.ndarray:
         """Its `rows` where its keyframes have moved it."""

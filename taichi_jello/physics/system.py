@@ -59,10 +59,13 @@ class System:
         self.prepared = tuple(force for force in self.all_forces if force.prepares)
         self.tidied = tuple(force for force in self.prepared if force.tidies)
         self.watched = tuple(force for force in self.all_forces if force.watches)
+        self.sweeps = tuple(force.sweep for force in self.all_forces if force.sweep)
         self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
         damped = any(force.reads_velocity for force in self.all_forces)
         self.integrator = Scheme(self.memory, self.state, damped, body)
         self.integrator.meet(self.all_forces)
+        for sweep in self.sweeps:
+            sweep.whole = self.integrator.long_steps
         self.handles = Handles(scene, body)
         self.ledger: Any = Ledger(self.all_forces, self.memory, len(self.handles.held) > 0) if ledger else None
         self.books = self.ledger is not None and self.ledger.columns > 0
@@ -134,6 +137,15 @@ class System:
         self.wait_for_team()  # until nobody needs x and v any more
         if ti.static(not self.integrator.solves):
             self._tidy_up(first, last)
+
+    @ti.func
+    def stop_at_solids(self, first, last, x0, x, v, t, dt, drifted: ti.template() = False):
+        """At the end of a step from x0 to x and v, or, drifted, to x by dt v: take back what went through a thin
+        solid. Returns whether anything did."""
+        stopped = 0
+        for sweep in ti.static(self.sweeps):
+            stopped = stopped | sweep.stop(self, first, last, x0, x, v, t, dt, drifted)
+        return stopped
 
     @ti.func
     def _tidy_up(self, first, last):
@@ -264,6 +276,8 @@ class System:
         """Substeps `first` to `last` of the current frame, dt [s] each."""
         if self.integrator.solves:
             self.integrator.prepare(self, dt)
+        for sweep in self.sweeps:
+            sweep.look_out(self._good[:, 3:], dt)
         if not self.watched:
             self._steps(first, first, last, dt)
             return

@@ -30,6 +30,7 @@ def taichi(best_precision):
     "feature, scene",
     [
         ("contact", {"collider": [Plane()]}),
+        ("sweep", {"collider": [Sphere(center=(0.0, -2.0, 0.0))]}),
         ("drag", {"drag": 0.5}),
         ("uniform field", {"force": [UniformField(force=(0.0, 0.1, 0.0))]}),
         ("keyframes of jellos", {"jello": [Box(points=(3, 3, 3), keyframe=[Keyframe(time=1.0, stiffness=0.5)])]}),
@@ -46,7 +47,7 @@ def test_a_feature_is_listed_where_it_is_used_and_only_there(feature, scene):
     without = facts(Simulation(Scene(jello=[CUBE])))
     assert feature in with_it["compiled_in"] and feature in without["left_out"]
     assert feature not in with_it["left_out"] and feature not in without["compiled_in"]
-    if feature in ("contact", "pins"):
+    if feature in ("contact", "sweep", "pins"):
         assert feature in with_it["fields"] and feature not in without["fields"]
         assert with_it["bytes"] > without["bytes"]
 
@@ -94,5 +95,6 @@ def test_only_what_a_scene_needs_is_compiled(method, monkeypatch, best_precision
     assert code["plain"] - code["undamped"] == {"springs.dashpot"}
     assert code["no friction"] - code["plain"] >= {"contact.pressure", "plane.signed_distance"}
     assert code["plane"] - code["no friction"] == {"contact.rub"}
-    assert code["sphere too"] - code["plane"] == {"sphere.signed_distance"}
+    swept = {"sphere.core_entry", "sweep.stop", "sweep.first_entry"}
+    assert code["sphere too"] - code["plane"] == {"sphere.signed_distance"} | swept
     assert not any(name.startswith(("gravity.", "drag.", "field.")) for names in code.values() for name in names)

@@ -22,6 +22,20 @@ def signed_distance(p, shape):
     return ti.Vector([n[0], n[1], n[2], length - shape[3]])
 
 
+@ti.func
+def core_entry(a, b, shape):
+    """(normal, fraction) of where the way from a to b enters the core, the ball of half the radius; a fraction of 2 if
+    it does not. Roots of |a + s (b - a)|² = r²."""
+    way, r = b - a, 0.5 * shape[3]
+    quick, along = ti.max(way.dot(way), 1e-30), a.dot(way)
+    beyond = a.dot(a) - r * r
+    root = along * along - quick * beyond
+    fraction = (-along - ti.sqrt(ti.max(root, 0.0))) / quick
+    hits = (beyond >= 0.0) & (along < 0.0) & (root > 0.0) & (fraction <= 1.0)
+    n = (a + fraction * way) / r
+    return ti.Vector([n[0], n[1], n[2], ti.select(hits, fraction, 2.0)])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Sphere(Collider):
     """A ball of `radius` [m]. Its centre [m] moves with `velocity` [m/s] and swings by `swing` [m] every `period` [s]:
@@ -29,6 +43,7 @@ class Sphere(Collider):
 
     type: ClassVar[str] = "sphere"
     signed_distance: ClassVar[Any] = staticmethod(signed_distance)
+    core_entry: ClassVar[Any] = staticmethod(core_entry)
     center: Vector = (0.0, 0.0, 0.0)
     radius: float = 0.5
     velocity: Vector = (0.0, 0.0, 0.0)
@@ -40,6 +55,10 @@ class Sphere(Collider):
             "radius": number("radius", self.radius, above=0.0),
             "period": number("period", self.period, above=0.0),
         }
+
+    @property
+    def thickness(self) -> float:
+        return 2.0 * self.radius
 
     def origin(self, time: float) -> np.ndarray:
         wave = sin(2.0 * pi * (time / self.period % 1.0))

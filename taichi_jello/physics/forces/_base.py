@@ -66,6 +66,8 @@ class ParticleForce:
 
     A force is `mutual` if what it does to some particles it does to others the other way.
 
+    With a `sweep` (see physics/sweep.py) every step ends with a look whether it went through something.
+
     For the energy ledger (see physics/ledger.py) a force that stores energy and also has losses names these in
     `works` and defines `@ti.func powers(self, i, x, v, t)`, a vector with particle i's share of each [W].
     """
@@ -82,6 +84,7 @@ class ParticleForce:
     couples: bool = False
     mutual: bool = False
     fresh: bool = True
+    sweep: Any = None
     works: tuple[str, ...] = ()
     prepare: Any
     on: Any

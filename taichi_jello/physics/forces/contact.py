@@ -8,6 +8,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces._base import ParticleForce, Rates, block, even_block
+from taichi_jello.physics.sweep import Sweep
 
 FEW = 3  # surfaces up to which a look at each is as quick as asking first whether any is near
 
@@ -29,11 +30,16 @@ def rub(pressed, u, friction, grip):
 
 @dataclass(frozen=True)
 class Group:
-    """Rows `start` to `stop` of the surfaces share one signed distance."""
+    """Rows `start` to `stop` of the surfaces share one signed distance, and where they are solids a core."""
 
     signed_distance: Any
+    core_entry: Any
     start: int
     stop: int
+
+    @property
+    def solid(self) -> bool:
+        return self.core_entry is not None
 
 
 @ti.data_oriented
@@ -54,9 +60,9 @@ class PenaltyContact(ParticleForce):
         groups: list[Group] = []
         for collider, count, end in zip(self.colliders, counts, ends, strict=True):
             if groups and groups[-1].signed_distance is collider.signed_distance:
-                groups[-1] = Group(collider.signed_distance, groups[-1].start, int(end))
+                groups[-1] = replace(groups[-1], stop=int(end))
             else:
-                groups.append(Group(collider.signed_distance, int(end - count), int(end)))
+                groups.append(Group(collider.signed_distance, collider.core_entry, int(end - count), int(end)))
         self.groups = tuple(groups)
         self.rubs = scene.contact.friction > 0.0
         self.law = particles.memory.table(self.title, "law", np.array([self._law()]))
@@ -67,6 +73,15 @@ class PenaltyContact(ParticleForce):
             or any(np.any(row[3:6]) for row in self._rows(0.0, 1.0))
         )
         self.masked = False
+        self.surface_speed = 0.0
+        if any(group.solid for group in groups):
+            self.deep = particles.memory.table(self.title, "deep", np.zeros(1, np.int32))
+            self.sweep = Sweep(self, particles, self._swept(particles.body))
+
+    @staticmethod
+    def _swept(body):
+        """(N,) whether a particle stands for what touches here."""
+        return ~body.embedded
 
     @classmethod
     def made_for(cls, scene, particles):
@@ -106,7 +121,9 @@ class PenaltyContact(ParticleForce):
 
     def begin_frame(self, start, end):
         if self.moving:
-            self.rows.from_numpy(self._rows(start, end).astype(self.particles.memory.number))
+            rows = self._rows(start, end)
+            self.surface_speed = float(np.linalg.norm(rows[:, 3:6], axis=1).max())  # [m/s]
+            self.rows.from_numpy(rows.astype(self.particles.memory.number))
 
     @ti.func
     def touch(self, distance: ti.template(), r, p, t):
@@ -130,6 +147,9 @@ class PenaltyContact(ParticleForce):
                     force += pressed * n
                     if ti.static(self.rubs):
                         force += rub(pressed, relative - speed * n, law[2], share * law[3])
+                    if ti.static(group.solid):  # noqa: SIM102 - decided when it is compiled
+                        if -touch[3] > 0.5 * self.sweep.depth:
+                            self.deep[0] = 1
         return force
 
     @ti.func

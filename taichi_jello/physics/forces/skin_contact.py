@@ -57,6 +57,11 @@ class SkinContact(PenaltyContact):
         return [cls(scene, particles)] if wanted else []
 
     @staticmethod
+    def _swept(body):
+        """Particles inside a skin stand for it; the others are its scaffold."""
+        return body.embedded & body.inside
+
+    @staticmethod
     def _steepest(body, share):
         """How stiff unit springs at the skin's points can be, over mass [1/kg]: the matrix M^-½ Wᵀ S W M^-½ of the
         weights W and shares S has no negative entry, so no eigenvalue exceeds its largest row sum."""

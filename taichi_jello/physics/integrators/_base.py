@@ -31,6 +31,7 @@ class Integrator:
     stages: int = 1
     has_begin: bool = False
     solves: bool = False
+    long_steps: bool = False  # they may be longer than what swings takes
     automatic: ClassVar[str] = ""
     solver: Any
     prepare: Any

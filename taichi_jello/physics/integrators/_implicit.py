@@ -22,7 +22,7 @@ class Implicit(Integrator):
     """`stage` sets z and w of the solver and starts it; c = share·dt."""
 
     safety = 1.0
-    solves = True
+    solves = long_steps = True
     share: ClassVar[float]
 
     def __init__(self, memory, state, damped, body):
@@ -40,5 +40,6 @@ class Implicit(Integrator):
 
     @ti.func
     def finish(self, system, first, last, t, dt):
+        system.stop_at_solids(first, last, self.state.x, self.solver.at.x, self.solver.at.v, t, dt)
         for i in range(first, last):
             self.state.x[i], self.state.v[i] = self.solver.at.x[i], self.solver.at.v[i]

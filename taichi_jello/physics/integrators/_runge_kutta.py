@@ -49,6 +49,7 @@ class RungeKutta(Integrator):
 
     @ti.func
     def finish(self, system, first, last, t, dt):
+        system.stop_at_solids(first, last, self.state.x, self.at.x, self.at.v, t, dt)
         for i in range(first, last):
             self.state.x[i], self.state.v[i] = self.at.x[i], self.at.v[i]
 

@@ -77,12 +77,14 @@ class BDF2(Implicit):
 
     @ti.func
     def finish(self, system, first, last, t, dt):
+        x, v = ti.static(self.solver.at.x, self.solver.at.v)
+        stopped = system.stop_at_solids(first, last, self.state.x, x, v, t, dt)
         for i in range(first, last):
             self.before.x[i], self.before.v[i] = self.state.x[i], self.state.v[i]
             self.state.x[i], self.state.v[i] = self.solver.at.x[i], self.solver.at.v[i]
         for _ in range(1):
             if first == 0 and last > 0:
-                self.knows[0] = 1
+                self.knows[0] = 1 - stopped  # across an impact nothing may be extrapolated
 
     @classmethod
     def amplification(cls, a, zeta):

@@ -24,6 +24,7 @@ class SymplecticEuler(Integrator):
         for i in range(first, last):
             self.state.v[i] = self.state.v[i] + dt * self.a[i]
             self.state.x[i] = self.state.x[i] + dt * self.state.v[i]
+        system.stop_at_solids(first, last, self.state.x, self.state.x, self.state.v, t, dt, True)
 
     @classmethod
     def amplification(cls, a, zeta):

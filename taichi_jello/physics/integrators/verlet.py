@@ -37,11 +37,14 @@ class VelocityVerlet(Integrator):
                     self.state.x[i] = self.state.x[i] + dt * self.half[i]
                 if s > 0:
                     self.state.v[i] = self.half[i] + 0.5 * dt * self.a[i]
+            if s == 1:
+                system.stop_at_solids(first, last, self.state.x, self.state.x, self.half, t, dt, True)
             system.accelerations(first, last, self.state.x, self.state.v, t + dt * ti.min(s, 1), self.a)
         else:
             for i in range(first, last):
                 self.state.v[i] = self.state.v[i] + 0.5 * dt * self.a[i]
                 self.state.x[i] = self.state.x[i] + dt * self.state.v[i]
+            system.stop_at_solids(first, last, self.state.x, self.state.x, self.state.v, t, dt, True)
             system.accelerations(first, last, self.state.x, self.state.v, t + dt, self.a)
 
     @ti.func

@@ -54,7 +54,7 @@ class XPBD(Integrator):
     """
 
     name, order = "xpbd", 1
-    safety, passes = 1.0, 1
+    safety, passes, long_steps = 1.0, 1, True
     automatic = f"1/√Λ, but no more than {MOST} steps a frame"
 
     def __init__(self, memory, state, damped, body):
@@ -204,6 +204,7 @@ class XPBD(Integrator):
         system.wait_for_team()  # until nobody needs to know which way the pass goes
         for i in range(first, last):
             self.state.x[i] = self.state.x[i] + dt * self.state.v[i]
+        system.stop_at_solids(first, last, self.state.x, self.state.x, self.state.v, t, dt, True)
         for _ in range(1):
             if first == 0 and last > 0:
                 self.turns[0] = 1 - self.turns[0]
