@@ -15,7 +15,11 @@ from taichi_jello.physics.touching import Touching
 ROOM = 40  # places in the list for each point
 SPARE = 0.8  # of a margin after which the lists are made again; the rest covers the step that follows
 OWN = 2.5  # distances between the points within which a jello does not touch itself: there its springs hold
-LEAST, MOST = 0.1, 0.6  # a margin's usual size, in distances between the points
+LEAST, MOST = 0.2, 1.0  # a margin's usual size, in distances between the points
+WIDTH = 2.5  # of the grid's cells, in distances between the points
+# The axes along which it is asked which jellos are near each other: of a cube, and through its corners.
+AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1))
+AXIS_COUNT, LENGTHS = len(AXES), np.linalg.norm(AXES, axis=1)
 
 
 @ti.data_oriented
@@ -45,6 +49,8 @@ class Neighbours:
                 table("skin weights", touching.weights),
             )
         self.jello, self.radius = table("jello", body.jello), table("radius", touching.radius)
+        self.owner = table("jello of each element", body.jello[touching.nodes[:, 0]])
+        self.is_found, self.meets_any = zeros("elements near points", self.elements), zeros("meets any", self.jellos)
         self.margin = memory.zeros(title, "margins", (self.jellos,))
         self.reach = memory.zeros(title, "reach", (self.jellos,))
         self.ref = memory.vectors(title, "x at the last search")
@@ -70,36 +76,38 @@ class Neighbours:
 
     def refresh(self, x: np.ndarray, v: np.ndarray, positions: ti.MatrixField, dt: float, frame_dt: float) -> None:
         """Search again, for particles at x that move at v, (N, 3) each, as `positions` has them too."""
-        if not np.isfinite(x).all() or not np.isfinite(v).all():
+        x0, x1, x2 = np.ascontiguousarray(x.T)
+        along = np.stack([x0, x1, x2, x0 + x1 + x2, x0 + x1 - x2, x0 - x1 + x2, x1 + x2 - x0])  # AXES · x
+        low, high = (np.ascontiguousarray(f.reduceat(along, self.first, axis=1).T) for f in (np.minimum, np.maximum))
+        speed = np.sqrt(np.maximum.reduceat((np.ascontiguousarray(v.T) ** 2).sum(0), self.first).astype(float))
+        if not (np.isfinite(low).all() and np.isfinite(high).all() and np.isfinite(speed).all()):
             self._forget()  # the numbers went bad; whoever looks at them says so
             return
-        speed = np.maximum.reduceat(np.sqrt(np.einsum("ia,ia->i", v, v)), self.first).astype(float)
-        low, high = np.minimum.reduceat(x, self.first).astype(float), np.maximum.reduceat(x, self.first).astype(float)
-        spacing = self.touching.spacing
+        spacing, least = self.touching.spacing, 4.0 * dt * speed
         margin = np.maximum(max(1.5 * frame_dt, 4.0 * dt) * speed, LEAST * spacing)
-        zones = self._zones(low, high, margin)
-        if np.any(zones[:, 0] <= zones[:, 3]):
-            margin = np.maximum(np.minimum(margin, MOST * spacing), 4.0 * dt * speed)
-            zones = self._zones(low, high, margin)
-        least = 4.0 * dt * speed
-        while self._search_within(positions, zones, margin) > self.room and np.any(margin > least):
+        meet = self._meet(low, high, margin)
+        if meet.any():
+            margin = np.maximum(np.minimum(margin, MOST * spacing), least)
+            meet = self._meet(low, high, margin)
+        while self._search_within(positions, low, high, meet, margin) > self.room and np.any(margin > least):
             margin = np.maximum(0.5 * margin, least)
         self.fresh = True
 
-    def _search_within(self, positions: ti.MatrixField, zones: np.ndarray, margin: np.ndarray) -> int:
-        width = float(2.0 * np.mean(self.touching.spacing) + 2.0 * margin.max())
+    def _search_within(self, positions: ti.MatrixField, low: np.ndarray, high: np.ndarray, meet: np.ndarray,
+                       margin: np.ndarray) -> int:  # fmt: skip
+        width = float(WIDTH * np.mean(self.touching.spacing))
         widest = float((margin + self.touching.radius).max())
-        return self._search(positions, zones.astype(self.number), margin.astype(self.number), width, widest)
+        reach = (margin + self.touching.radius)[:, None] * LENGTHS
+        hulls = np.hstack([low - reach, high + reach]).astype(self.number)
+        start = np.append(0, np.cumsum(meet.sum(1))).astype(np.int32)
+        others = np.append(np.nonzero(meet)[1], 0).astype(np.int32)  # never empty
+        return self._search(positions, hulls, start, others, margin.astype(self.number), width, widest)
 
-    def _zones(self, low: np.ndarray, high: np.ndarray, margin: np.ndarray) -> np.ndarray:
-        """(J, 6): the box outside of which no part of a jello can touch another one; its low above its high if it
-        meets none."""
+    def _meet(self, low: np.ndarray, high: np.ndarray, margin: np.ndarray) -> np.ndarray:
+        """(J, J) whether two jellos may come to touch, by how far each reaches along every axis, (J, A) both."""
         reach = margin + self.touching.radius
-        reach = (reach[:, None] + reach[None])[..., None]
-        meet = np.all((low[:, None] <= high[None] + reach) & (low[None] <= high[:, None] + reach), -1) & self.meets
-        zone_low = np.where(meet[..., None], low[None] - reach, np.inf).min(1)
-        zone_high = np.where(meet[..., None], high[None] + reach, -np.inf).max(1)
-        return np.hstack([zone_low, zone_high])
+        reach = (reach[:, None] + reach[None])[..., None] * LENGTHS
+        return np.all((low[:, None] <= high[None] + reach) & (low[None] <= high[:, None] + reach), -1) & self.meets
 
     @ti.func
     def at(self, q, x):
@@ -113,52 +121,65 @@ class Neighbours:
         return p
 
     @ti.func
-    def bin_at(self, place):
-        """The bin of a cell of the grid."""
-        return (place[0] * 73856093 ^ place[1] * 19349663 ^ place[2] * 83492791) & (self.bins - 1)
+    def bin_at(self, cell):
+        """The bin of a cell of the grid; along z they follow each other."""
+        return ((cell[0] * 73856093 ^ cell[1] * 19349663) + cell[2]) & (self.bins - 1)
 
     @ti.func
     def box(self, e, x):
-        """The box around element e, as far as a point may be that it touches or soon may touch."""
+        """The box around element e."""
         nodes = self.nodes[e]
         low = x[nodes[0]]
         high = low
         for k in ti.static(range(1, 8)):
             low, high = ti.min(low, x[nodes[k]]), ti.max(high, x[nodes[k]])
-        reach = self.reach[self.jello[nodes[0]]]
-        return low - reach, high + reach
+        return low, high
 
     @ti.func
-    def note(self, place, e, a, low, high):
-        """List element e of jello a with the point at a place in the bins, if it is near, and of another jello or else
-        far on its own. (It may come twice, if two cells share a bin; that does no harm.)"""
-        b = self.item_jello[place]
-        if (a != b and self.others) or (a == b and self.with_self):
-            p, reach = self.item_x[place], self.reach[b]
-            if (p > low - reach).all() and (p < high + reach).all():
-                q, meets = self.items[place], True
-                if ti.static(self.with_self):  # noqa: SIM102
-                    if a == b:
-                        apart = (self.rest[self.points[q]] - self.rest[self.nodes[e][0]]).norm()
-                        meets = self.alone[a] and apart > self.apart[a]
-                if meets:
-                    k = ti.atomic_add(self.state[1], 1)
-                    if k < self.room:
-                        self.pairs[k] = ti.Vector([q, e])
-                        ti.atomic_add(self.start[q + 1], 1)
+    def note_all(self, first, last, e, low, high, row, width):
+        """List element e with the points in the bins first … last - 1 that are in a row of cells (in any if `width` is
+        0), if they are near, and of another jello or else far on its own."""
+        if first < last:
+            a = self.owner[e]
+            for place in range(self.bin_start[first], self.bin_start[last]):
+                b = self.item_jello[place]
+                if (a != b and self.others) or (a == b and self.with_self):
+                    p, reach = self.item_x[place], self.reach[b]
+                    if (p > low - reach).all() and (p < high + reach).all():  # noqa: SIM102
+                        if width == 0.0 or (ti.floor(p / width, ti.i32)[:2] == row).all():
+                            self.note(self.items[place], e, a == b)
+
+    @ti.func
+    def note(self, q, e, own):
+        meets = True
+        if ti.static(self.with_self):  # noqa: SIM102 - decided when it is compiled
+            if own:
+                j = self.owner[e]
+                apart = (self.rest[self.points[q]] - self.rest[self.nodes[e][0]]).norm()
+                meets = self.alone[j] and apart > self.apart[j]
+        if meets:
+            self.is_found[e] = 1
+            k = ti.atomic_add(self.state[1], 1)
+            if k < self.room:
+                self.pairs[k] = ti.Vector([q, e])
+                ti.atomic_add(self.start[q + 1], 1)
 
     @ti.kernel
     def _forget(self):
         self.state[0] = 0
 
     @ti.kernel
-    def _search(self, x: ti.template(), zones: ti.types.ndarray(), margins: ti.types.ndarray(),
-                width: float, widest: float) -> int:  # fmt: skip
-        """List all pairs; returns how many there are, which may be more than there is room for."""
+    def _search(self, x: ti.template(), hulls: ti.types.ndarray(), met: ti.types.ndarray(), others: ti.types.ndarray(),
+                margins: ti.types.ndarray(), width: float, widest: float) -> int:  # fmt: skip
+        """List all pairs; returns how many there are, which may be more than there is room for. Jello j, with its
+        margin, reaches from hulls[j, k] to hulls[j, k + AXIS_COUNT] along axis k; it meets others[met[j]] and all
+        before others[met[j + 1]].
+        """
         self.state[0], self.state[1] = 0, 0
         ti.loop_config(serialize=self.serial)
         for j in range(self.jellos):
             self.margin[j], self.reach[j] = margins[j], margins[j] + self.radius[j]
+            self.meets_any[j] = met[j] < met[j + 1]
         ti.loop_config(serialize=self.serial)
         for h in range(self.bins + 1):
             self.bin_start[h] = 0
@@ -170,7 +191,7 @@ class Neighbours:
             self.start[q + 1] = 0
             p, j = self.at(q, x), self.jello[self.points[q]]
             self.bin_of[q] = -1
-            if self.in_zone(p, p, j, zones):
+            if self.in_reach(p, p, j, hulls, met, others):
                 self.bin_of[q] = self.bin_at(ti.floor(p / width, ti.i32))
                 ti.atomic_add(self.bin_start[self.bin_of[q] + 1], 1)
         ti.loop_config(serialize=True)
@@ -185,10 +206,11 @@ class Neighbours:
                 self.item_x[place] = self.at(q, x)
         ti.loop_config(serialize=self.serial, block_dim=64)
         for e in range(self.elements):
+            self.is_found[e] = 0
             low, high = self.box(e, x)
-            j = self.jello[self.nodes[e][0]]
-            if self.in_zone(low, high, j, zones):
-                self._look(e, low, high, width, widest)
+            j = self.owner[e]
+            if self.in_reach(low, high, j, hulls, met, others):
+                self._look(e, low - self.reach[j], high + self.reach[j], width, widest)
         ti.loop_config(serialize=True)
         for q in range(self.count):
             self.cursor[q] = self.start[q]
@@ -207,27 +229,35 @@ class Neighbours:
         return self.state[1]
 
     @ti.func
-    def in_zone(self, low, high, j, zones: ti.template()):
-        inside = True
-        for axis in ti.static(range(3)):
-            inside = inside and low[axis] <= zones[j, 3 + axis] and high[axis] >= zones[j, axis]
+    def in_reach(self, low, high, j, hulls: ti.template(), met: ti.template(), others: ti.template()):
+        """Whether something of jello j in the box from `low` to `high` may come to touch another one."""
+        middle, half, inside = 0.5 * (low + high), 0.5 * (high - low), False
+        for k in range(met[j], met[j + 1]):
+            if not inside:
+                within, b = True, others[k]
+                for axis in ti.static(range(AXIS_COUNT)):
+                    if within:
+                        u = ti.Vector(ti.static([float(a) for a in AXES[axis]]))
+                        at, reach = u.dot(middle), abs(u).dot(half) + ti.static(float(LENGTHS[axis])) * self.reach[j]
+                        within = at + reach >= hulls[b, axis] and at - reach <= hulls[b, axis + AXIS_COUNT]
+                inside = within
         return inside
 
     @ti.func
     def _look(self, e, low, high, width, widest):
         """Note the points in the bins of the cells that the box from `low` to `high` meets, grown by the widest
-        margin of a point; or all points, if those are fewer than the cells."""
+        margin of a point; or all points, if those are fewer than the rows of cells."""
         first, last = ti.floor((low - widest) / width, ti.i32), ti.floor((high + widest) / width, ti.i32)
-        n, a = last - first + 1, self.jello[self.nodes[e][0]]
-        if float(n[0]) * n[1] * n[2] > self.count:
-            for place in range(self.bin_start[self.bins]):
-                self.note(place, e, a, low, high)
+        n = last - first + 1
+        if float(n[0]) * n[1] > self.count or n[2] > self.bins:
+            self.note_all(0, self.bins, e, low, high, ti.Vector([0, 0]), 0.0)
         else:
-            for k in range(n[0] * n[1] * n[2]):
-                cell = first + ti.Vector([k // (n[1] * n[2]), k // n[2] % n[1], k % n[2]])
-                h = self.bin_at(cell)
-                for place in range(self.bin_start[h], self.bin_start[h + 1]):
-                    self.note(place, e, a, low, high)
+            for i in range(first[0], last[0] + 1):
+                for j in range(first[1], last[1] + 1):
+                    row, start = ti.Vector([i, j]), self.bin_at(ti.Vector([i, j, first[2]]))
+                    end = start + n[2]
+                    self.note_all(start, ti.min(end, self.bins), e, low, high, row, width)
+                    self.note_all(0, end - self.bins, e, low, high, row, width)
 
     @ti.func
     def watch(self, first, last, x, v, dt):

@@ -57,7 +57,8 @@ class System:
         self.springs_first = any(isinstance(force, Springs) for force in passes)
         self.one_by_one = tuple(force for force in self.all_forces if not force.in_passes)
         self.prepared = tuple(force for force in self.all_forces if force.prepares)
-        self.tidied = tuple(force for force in self.prepared if force.tidies)
+        self.looking = tuple(force for force in self.all_forces if force.looks)
+        self.rounds = max((force.rounds for force in self.looking), default=0)
         self.watched = tuple(force for force in self.all_forces if force.watches)
         self.sweeps = tuple(force.sweep for force in self.all_forces if force.sweep)
         self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
@@ -113,10 +114,9 @@ class System:
 
         (Everywhere in the step `f[i] = f[i] + …`, since Taichi makes `f[i] += …` an atomic addition in a parallel
         loop: measured, it halves the speed.)"""
+        if ti.static(self.integrator.solves):
+            self.look(first, last, x, v, 0.0)  # a long step may lead far from where it began
         self.wait_for_team()  # until x and v of all particles are there
-        if ti.static(self.integrator.solves and len(self.tidied) > 0):
-            self._tidy_up(first, last)  # not sooner: the solve asks forces how they stiffen it
-            self.wait_for_team()
         if ti.static(len(self.prepared) > 0):
             for force in ti.static(self.prepared):
                 force.prepare(self.share_of(first, force.points), self.share_of(last, force.points), x, v, t)
@@ -135,8 +135,6 @@ class System:
                     total += force.on(i, x, v, t)
                 a[i] = total * self.particles.inverse_mass(i)
         self.wait_for_team()  # until nobody needs x and v any more
-        if ti.static(not self.integrator.solves):
-            self._tidy_up(first, last)
 
     @ti.func
     def stop_at_solids(self, first, last, x0, x, v, t, dt, drifted: ti.template() = False):
@@ -148,13 +146,23 @@ class System:
         return stopped
 
     @ti.func
-    def _tidy_up(self, first, last):
-        for force in ti.static(self.tidied):
-            force.tidy(self.share_of(first, force.points), self.share_of(last, force.points))
+    def look(self, first, last, x, v, ahead):
+        """Let forces find what the particles touch at x + ahead v; the shares of the particles first … last - 1."""
+        for r in ti.static(range(self.rounds)):
+            self.wait_for_team()  # until x and v of all particles, and then what the last round found, are there
+            for force in ti.static(self.looking):
+                if ti.static(r < force.rounds):
+                    force.look(r, self, first, last, x, v, ahead)
+
+    @ti.func
+    def look_ahead(self, first, last, dt):
+        """At the beginning of a step."""
+        if ti.static(not self.integrator.solves):
+            self.look(first, last, self.state.x, self.state.v, self.integrator.looks_at * dt)
 
     @ti.func
     def share_of(self, particle, points):
-        """Where the points of a force are cut for a member of the team whose particles are cut at `particle`."""
+        """Where `points` of any kind are cut for a member of the team whose particles are cut at `particle`."""
         return ti.cast(ti.cast(particle, ti.i64) * points // self.count, ti.i32)
 
     @ti.func
@@ -193,6 +201,7 @@ class System:
 
     @ti.func
     def _one_step(self, first, last, origin, step, stop, dt):
+        self.look_ahead(first, last, dt)
         for s in range(self.integrator.stages):
             self.integrator.stage(self, first, last, s, step * dt, dt)
             if ti.static(self.integrator.solves):
@@ -226,6 +235,7 @@ class System:
         if not self._stale():
             self.reached[0] = step
         self._watch(0, self.count, dt)
+        self.look_ahead(0, ti.select(self._stale(), 0, self.count), dt)
 
     @ti.kernel
     def _is_stale(self) -> int:
@@ -398,8 +408,8 @@ class System:
             force.prepare(0, force.points, self.state.x, self.state.v, t)
 
     @ti.kernel
-    def _tidy(self):
-        self._tidy_up(0, self.count)
+    def _look(self):
+        self.look(0, self.count, self.state.x, self.state.v, 0.0)
 
     @ti.kernel
     def _energy_shares(self, t: float, out: ti.types.ndarray()):
@@ -414,11 +424,9 @@ class System:
         """Kinetic, elastic, gravity and contact energy [J] `t` seconds after the current frame began, summed over the
         particles in float64."""
         shares = np.zeros((self.count, len(ENERGIES)), self.memory.number)
-        if self.tidied:
-            self._tidy()
+        if self.looking:
+            self._look()
         if self.prepared:
             self._prepare(t)
         self._energy_shares(t, shares)
-        if self.tidied:
-            self._tidy()
         return dict(zip(ENERGIES, shares.sum(0, dtype=np.float64).tolist(), strict=True))

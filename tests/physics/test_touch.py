@@ -79,13 +79,24 @@ def test_the_list_holds_every_point_near_an_element(crash):
     start, found, x = near.start.to_numpy(), near.found.to_numpy(), crash.x
     margin = near.margin.to_numpy()
     jello, corners = crash.body.jello, x[near.touching.nodes]
+    within = np.einsum("pk,eka->epa", trilinear(np.linspace(0.0, 1.0, 5)), corners)  # places in every cell
+    owner = jello[near.touching.nodes[:, 0]]
+    some = 0
     for q, i in enumerate(near.touching.points):
-        owner = jello[near.touching.nodes[:, 0]]
-        reach = (0.999 * (margin[jello[i]] + margin[owner]))[:, None]
-        inside = np.all((x[i] > corners.min(1) - reach) & (x[i] < corners.max(1) + reach), axis=1)
+        reach = 0.999 * (margin[jello[i]] + margin[owner])
+        inside = np.linalg.norm(within - x[i], axis=2).min(1) < reach
         listed = found[start[q] : start[q + 1]]
         assert np.all(np.diff(listed) > 0)
+        some += np.count_nonzero(inside & (owner != jello[i]))
         assert set(np.flatnonzero(inside & (owner != jello[i]))) <= set(listed)
+    assert some > 20
+
+
+def trilinear(steps):
+    """(P, 8): the weights of a cell's corners in a grid of places in it."""
+    a, b, c = (g.ravel()[:, None] for g in np.meshgrid(steps, steps, steps))
+    k = np.arange(8)
+    return (np.where(k & 4, a, 1 - a)) * (np.where(k & 2, b, 1 - b)) * (np.where(k & 1, c, 1 - c))
 
 
 @pytest.mark.parametrize("shift", [(0.5, 0.0, 0.0), (0.5, 0.1, 0.13), (0.5, 0.5, 0.5)])

@@ -48,8 +48,12 @@ class ParticleForce:
 
     With `prepares` it also defines `points`, a whole number, and `@ti.func prepare(self, first, last, x, v, t)`, one
     loop over its own points first … last - 1, each of which writes to its own place only. The members of a team
-    share the points, and all of them are done before any force on a particle is asked for. With `tidies` it defines
-    `@ti.func tidy(self, first, last)` too, done for these points when all forces have been asked for.
+    share the points, and all of them are done before any force on a particle is asked for.
+
+    With `looks` it finds something once a step that all evaluations of the step go by; where a step is solved for, at
+    each evaluation. It defines `rounds` and `@ti.func look(self, r: ti.template(), system, first, last, x, v, ahead)`,
+    one round of looking at the particles at x + ahead v, by the member of the team whose particles are first … last - 1
+    (it cuts what else there is by `system.share_of`); all members have done a round before the next one begins.
 
     For implicit steps of length c [s] it also offers how it stiffens the step, -∂f/∂x - ∂f/∂v / c, made symmetric and
     never negative: with `has_curvature`, `@ti.func curvature(self, i, x, v, t, c)`, the 3×3 block [N/m] of particle i,
@@ -77,7 +81,8 @@ class ParticleForce:
     reads_velocity: bool = False
     in_passes: bool = False
     prepares: bool = False
-    tidies: bool = False
+    looks: bool = False
+    rounds: int = 0
     watches: bool = False
     points: int = 0
     has_curvature: bool = False
@@ -89,7 +94,7 @@ class ParticleForce:
     prepare: Any
     on: Any
     powers: Any
-    tidy: Any
+    look: Any
     refresh: Any
     forget: Any
     watch: Any

@@ -20,6 +20,8 @@ class Integrator:
       frame for each thread of a team or as parallel tasks (stages unrolled took 7 s to compile for RK4, this 0.5 s);
     - `amplification(a, zeta)`: the (…, 2, 2) matrices of one step of length a for x'' = -x - 2ζx', from which
       `dt = "auto"` is found;
+    - `looks_at`, at which part of a step forces look for what is touched in it: the middle, where it looks beyond the
+      step's beginning, so that as much is found too late as is given up too early;
     - with `has_begin`, `@ti.func begin(self, system, first, last, t)`, run before the first step of a frame;
     - with `solves`, a `solver` (see physics/solve) whose turns follow each stage until its mode is 0, and
       `prepare(system, dt)`, called before steps of that length.
@@ -29,6 +31,7 @@ class Integrator:
     order: ClassVar[int]
     safety: ClassVar[float]
     stages: int = 1
+    looks_at: float = 0.0
     has_begin: bool = False
     solves: bool = False
     long_steps: bool = False  # they may be longer than what swings takes

@@ -21,6 +21,7 @@ class RungeKutta(Integrator):
 
     def __init__(self, memory, state, damped, body):
         self.state, self.stages = state, len(self.b)
+        self.looks_at = 0.5 if self.stages > 1 else 0.0
         rows = np.array([[*row, *[0.0] * (self.stages - len(row))] for row in (*self.a, self.b)])
         both = np.stack([rows @ rows[:-1], rows], -1)
         self.weights = memory.table(self.name, "weights for x and v", both.reshape(-1, 2))

@@ -12,6 +12,7 @@ ROUNDS = 3
 @ti.data_oriented
 class VelocityVerlet(Integrator):
     name, order = "verlet", 2
+    looks_at = 0.5
     safety = 0.4  # as for symplectic Euler, whose positions it shares when undamped
 
     def __init__(self, memory, state, damped, body):

@@ -130,7 +130,6 @@ class XPBD(Integrator):
             self.state.v[i] = self.state.v[i] + dt * system.particles.inverse_mass(i) * total
             if ti.static(self.turns_by_mistake):
                 self.before[i] = self.state.v[i]
-        self.tidy_for(self.pushing, system, first, last)
 
     @ti.func
     def sweep(self, system, first, last, c, dt):
@@ -182,7 +181,6 @@ class XPBD(Integrator):
         system.wait_for_team()  # until nobody needs v any more
         for i in range(first, last):
             self.state.v[i] = self.state.v[i] + self.change[i]
-        self.tidy_for(self.holding, system, first, last)
 
     @ti.func
     def prepare_for(self, forces: ti.template(), system, first, last, x, t):
@@ -191,13 +189,6 @@ class XPBD(Integrator):
                 from_, to = system.share_of(first, force.points), system.share_of(last, force.points)
                 force.prepare(from_, to, x, self.state.v, t)
                 system.wait_for_team()
-
-    @ti.func
-    def tidy_for(self, forces: ti.template(), system, first, last):
-        for force in ti.static(forces):
-            if ti.static(force.tidies):
-                system.wait_for_team()
-                force.tidy(system.share_of(first, force.points), system.share_of(last, force.points))
 
     @ti.func
     def finish(self, system, first, last, t, dt):

@@ -1,0 +1,330 @@
+"""Which points touch which other jello, and where: found once a step, at the place that the step is about to reach.
+
+A point of one jello that is inside a cell of another is to leave by the nearest of the triangles by which that cell is
+left through the undeformed body (the idea of McAdams et al. 2011, "Efficient elasticity for character skinning", 5),
+so that a point deep inside leaves by the nearest face however the body is crushed. Sheets and ropes have no inside:
+points keep a radius away from their triangles and segments.
+"""
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.physics.neighbours import Neighbours
+from taichi_jello.physics.touching import FAR, Touching
+
+AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and left out
+SLOTS = 16  # contacts of a point that are listed; if it has more, all contacts are looked through
+UNIT = 1024  # a whole contact in the count of what presses on a point, in which a corner has its share
+TINY = 1e-9  # m
+SAME = 0.5  # the cosine above which a face faces as the point does that would leave by it
+LOAD = 2  # whole contacts that press on one point with full stiffness: its own and one that it is a corner of
+
+
+@ti.func
+def nearest(p, a, b, c):
+    """The weights of the corners a, b, c in the point of their triangle that is nearest to p; of a segment if b = c
+    (Ericson, Real-Time Collision Detection, 5.1.5)."""
+    ab, ac, ap, bp, cp = b - a, c - a, p - a, p - b, p - c
+    d1, d2, d3, d4, d5, d6 = ab.dot(ap), ac.dot(ap), ab.dot(bp), ac.dot(bp), ab.dot(cp), ac.dot(cp)
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    w1, w2 = ti.cast(0.0, float), ti.cast(0.0, float)
+    if d1 <= 0.0 and d2 <= 0.0:
+        pass
+    elif d3 >= 0.0 and d4 <= d3:
+        w1 = 1.0
+    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        w1 = d1 / (d1 - d3)
+    elif d6 >= 0.0 and d5 <= d6:
+        w2 = 1.0
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        w2 = d2 / (d2 - d6)
+    elif va <= 0.0 and d4 >= d3 and d5 >= d6:
+        w2 = (d4 - d3) / (d4 - d3 + d5 - d6)
+        w1 = 1.0 - w2
+    else:
+        w1, w2 = vb / (va + vb + vc), vc / (va + vb + vc)
+    return ti.Vector([1.0 - w1 - w2, w1, w2])
+
+
+@ti.func
+def holds(d, a, b, g):
+    """Whether the tetrahedron with edges a, b, g from one corner holds the point d from there, either way round."""
+    normal = b.cross(g)
+    volume = a.dot(normal)
+    side = ti.select(volume < 0.0, -1.0, 1.0)
+    u, v, w = d.dot(normal) * side, a.dot(d.cross(g)) * side, a.dot(b.cross(d)) * side
+    return volume != 0.0 and u >= 0.0 and v >= 0.0 and w >= 0.0 and u + v + w <= ti.abs(volume)
+
+
+@ti.data_oriented
+class Contacts:
+    """Point q has own[q] contacts, of which n is number AT_ONCE q + n, with the place Σ weights · corners of another
+    jello's surface: along `normal` it is to be kept `apart` [m] from there. `share`: how much the contact counts for.
+    list and weight_in, from SLOTS q on: the listed[q] contacts that press on point q, in ascending order, and its
+    weight in each: 1 in its own, less than 0 where it is a corner."""
+
+    rounds = 4
+
+    def __init__(self, title, body, memory, others, itself):
+        touching = Touching.of(body)
+        self.near = Neighbours(title, body, memory, touching, others, itself)
+        self.points, self.solid = len(touching.points), touching.solid
+        self.has_solid, self.has_thin = touching.solid > 0, touching.solid < len(touching.nodes)
+
+        def table(name, values):
+            return memory.table(title, name, values)
+
+        def whole(name, count):
+            return memory.zeros(title, name, (count,), whole=True)
+
+        point_of = np.full(memory.padded, -1, np.int32)
+        point_of[touching.points[: touching.bare]] = np.arange(touching.bare)
+        self.point_of = table("point of each particle", point_of)
+        if self.has_solid:
+            self.exits, self.triangles = table("exits of each cell", touching.exits), table("exits", touching.triangles)
+            self.exit_start = table("starts of exits", touching.start)
+            self.way, self.inner = table("ways to them", touching.way), table("inner neighbours", touching.inner)
+            self.spacing = table("spacing", touching.spacing)
+            self.boxes = memory.zeros(title, "boxes of cells", (self.solid, 6))
+        if self.near.skinned:
+            self.parts = table("shares", touching.share)
+        self.there = memory.vectors(title, "x looked at")
+        self.place = memory.zeros(title, "places", (self.points, 3))
+        count = AT_ONCE * self.points
+        self.corners = memory.zeros(title, "touched corners", (count, 3), whole=True)
+        self.weights = memory.zeros(title, "their weights", (count, 3))
+        self.normal = memory.zeros(title, "normals", (count, 3))
+        if self.has_thin:
+            self.apart = memory.zeros(title, "apart", (count,))
+        self.share = memory.zeros(title, "shares of contacts", (count,))
+        self.own, self.load = whole("contacts of each point", self.points), whole("loads", self.points)
+        self.listed, self.list = whole("listed contacts", self.points), whole("lists", self.points * SLOTS)
+        self.weight_in = memory.zeros(title, "weights in them", (self.points * SLOTS,))
+
+    @ti.func
+    def look(self, r: ti.template(), system, first, last, x, v, ahead):
+        """Round r of finding all contacts where x + ahead v is, done by everybody before the next one begins; for the
+        share of the particles first … last - 1 in everything there is."""
+        from_, to = system.share_of(first, self.points), system.share_of(last, self.points)
+        if ti.static(r == 0):
+            for i in range(first, last):
+                self.there[i] = x[i] + ahead * v[i]
+            for q in range(from_, to):
+                self.own[q], self.load[q], self.listed[q] = 0, 0, 0
+        elif ti.static(r == 1):
+            for q in range(from_, to):
+                if self.near.meets_any[self.near.jello[self.near.points[q]]]:
+                    self.place[q] = self.near.at(q, self.there)
+            if ti.static(self.has_solid):
+                for e in range(system.share_of(first, self.solid), system.share_of(last, self.solid)):
+                    if self.near.is_found[e]:
+                        self.boxes[e] = self.box(e)
+        elif ti.static(r == 2):
+            for q in range(from_, to):
+                if self.near.start[q] < self.near.start[q + 1]:
+                    self.find(q, v, ahead)
+        else:
+            for q in range(from_, to):
+                self.settle(q)
+
+    @ti.func
+    def box(self, e):
+        nodes = self.near.nodes[e]
+        low = self.there[nodes[0]]
+        high = low
+        for k in ti.static(range(1, 8)):
+            low, high = ti.min(low, self.there[nodes[k]]), ti.max(high, self.there[nodes[k]])
+        return ti.Vector([low[0], low[1], low[2], high[0], high[1], high[2]])
+
+    @ti.func
+    def holds_point(self, e, p):
+        """Whether cell e, cut into six tetrahedra around its diagonal, holds the point p."""
+        box, inside = self.boxes[e], False
+        low, high = ti.Vector([box[0], box[1], box[2]]), ti.Vector([box[3], box[4], box[5]])
+        if (p >= low).all() and (p <= high).all():
+            a, g = self.there[self.near.nodes[e][0]], self.there[self.near.nodes[e][7]]
+            for k in range(6):  # along one axis from corner 0, then along another: the six ways to corner 7
+                if not inside:
+                    b = self.there[self.near.nodes[e][1 << (k >> 1)]]
+                    c = self.there[self.near.nodes[e][7 - (1 << ((k >> 1) + 1 + (k & 1)) % 3)]]
+                    inside = holds(p - a, b - a, c - a, g - a)
+        return inside
+
+    @ti.func
+    def find(self, q, v, ahead):
+        """The contacts of a point: with each other jello the first of its cells that holds the point, or the nearest of
+        its triangles and segments within reach."""
+        p = self.place[q]
+        met, jello, solid, best = 0, -1, False, ti.cast(FAR, float)
+        corners, weights = ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
+        end = self.near.start[q + 1]
+        for k in range(self.near.start[q], end + 1):  # one more than listed, to end with the last jello
+            e, other = 0, -1
+            if k < end:
+                e = self.near.found[k]
+                other = self.near.owner[e]
+            if other != jello:
+                if best < FAR and met < AT_ONCE:
+                    met += self.note(q, met, corners, weights, best, solid, v, ahead)
+                jello, solid, best = other, e < self.solid, FAR
+            if ti.static(self.has_solid):  # noqa: SIM102
+                if k < end and solid and best == FAR:  # noqa: SIM102
+                    if self.holds_point(e, p):
+                        best, corners, weights = self.leave(e, p, p - self.there[self.inner[q]])
+            if ti.static(self.has_thin):  # noqa: SIM102
+                if k < end and not solid:
+                    nodes = self.near.nodes[e]
+                    own = ti.Vector([self.point_of[nodes[0]], self.point_of[nodes[1]], self.point_of[nodes[2]]])
+                    best, corners, weights = self.nearer(p, own, best, corners, weights)
+        self.own[q] = met
+
+    @ti.func
+    def leave(self, e, p, out):
+        """How the point p of a surface that faces `out` leaves cell e: by the nearest face, of those by the shortest
+        ways through the undeformed body that do not face as the point itself does. (Without this two jellos that
+        overlap by half would crawl round each other, each leaving by the other's sides.)"""
+        a = self.there[self.near.nodes[e][0]]
+        same, least = 0, ti.cast(FAR, float)
+        for k in range(6):
+            axis = (self.there[self.near.nodes[e][4 >> (k >> 1)]] - a) * (2.0 * (k & 1) - 1.0)
+            if self.way[e][k] > 0.0 and axis.dot(out) > SAME * axis.norm() * out.norm():
+                same |= 1 << k
+            else:
+                least = ti.min(least, self.way[e][k])
+        least += self.spacing[self.near.owner[e]]
+        best, corners, weights = ti.cast(FAR, float), ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
+        for k in range(6):
+            if (same >> k) & 1 == 0 and self.way[e][k] <= least and least < FAR:
+                group = self.exits[e][k]
+                for t in range(self.exit_start[group], self.exit_start[group + 1]):
+                    best, corners, weights = self.nearer(p, self.triangles[t], best, corners, weights)
+        if ti.static(self.near.skinned):  # noqa: SIM102
+            if self.way[e][0] == 0.0 and self.is_outside(p, corners):
+                best = FAR
+        return best, corners, weights
+
+    @ti.func
+    def is_outside(self, p, corners):
+        """Whether p is on the outer side of a skin's triangle, the nearest one to it."""
+        a, b, c = self.place[corners[0]], self.place[corners[1]], self.place[corners[2]]
+        return (b - a).cross(c - a).dot(p - a) > 0.0
+
+    @ti.func
+    def nearer(self, p, triangle, best, corners, weights):
+        """The nearest place so far: its distance from p, its triangle's corners and their weights."""
+        a, b, c = self.place[triangle[0]], self.place[triangle[1]], self.place[triangle[2]]
+        w = nearest(p, a, b, c)
+        distance = (w[0] * a + w[1] * b + w[2] * c - p).norm()
+        less = distance < best
+        return ti.min(distance, best), ti.select(less, triangle, corners), ti.select(less, w, weights)
+
+    @ti.func
+    def note(self, q, number, corners, weights, distance, solid, v, ahead):
+        """Write down contact `number` of point q, which is `distance` [m] from the place on a surface that it touches:
+        inside a solid, or outside a thin body. Returns 0 if it is too far from that to touch within the step."""
+        a, b, c = self.place[corners[0]], self.place[corners[1]], self.place[corners[2]]
+        contact, out = q * AT_ONCE + number, weights[0] * a + weights[1] * b + weights[2] * c - self.place[q]
+        if not solid:
+            out = -out
+        if distance < TINY:
+            out = (b - a).cross(c - a)
+        n, touches = out / ti.max(out.norm(), 1e-30), 1
+        if ti.static(self.has_thin):
+            apart = ti.cast(0.0, float)
+            if not solid:
+                i, j = self.near.points[q], self.near.points[corners[0]]
+                apart = self.near.radius[self.near.jello[i]] + self.near.radius[self.near.jello[j]]
+                approach = ti.abs(self.difference(contact, q, corners, weights, v).dot(n))
+                touches = distance < apart + ahead * approach
+            self.apart[contact] = apart
+        if touches:
+            self.corners[contact], self.weights[contact], self.normal[contact] = corners, weights, n
+            self.enter(contact, q, self.part(q))
+            for k in ti.static(range(3)):
+                if weights[k] > 0.0:
+                    self.enter(contact, corners[k], weights[k] * self.part(q))
+        return touches
+
+    @ti.func
+    def enter(self, contact, q, weight):
+        """List a contact with point q, on which it presses with its weight."""
+        ti.atomic_add(self.load[q], int(UNIT * weight / self.part(q) + 0.5))
+        place = ti.atomic_add(self.listed[q], 1)
+        if place < SLOTS:
+            self.list[q * SLOTS + place] = contact
+
+    @ti.func
+    def settle(self, q):
+        """A contact counts for less where more press on one of its points than may with full stiffness. Contacts were
+        listed in any order; they are to be gone through in that of their numbers."""
+        for contact in range(q * AT_ONCE, q * AT_ONCE + self.own[q]):
+            most = ti.max(self.load[q], LOAD * UNIT)
+            for k in ti.static(range(3)):
+                if self.weights[contact][k] > 0.0:
+                    most = ti.max(most, self.load[self.corners[contact][k]])
+            self.share[contact] = float(LOAD * UNIT) / most
+        if self.listed[q] <= SLOTS:
+            first = q * SLOTS
+            for k in range(first, first + self.listed[q]):
+                contact, place = self.list[k], k
+                while place > first and self.list[place - 1] > contact:
+                    self.list[place] = self.list[place - 1]
+                    place -= 1
+                self.list[place] = contact
+            for k in range(first, first + self.listed[q]):
+                self.weight_in[k] = self.weight(self.list[k], q)
+
+    @ti.func
+    def weight(self, contact, q):
+        g = ti.cast(0.0, float)
+        if contact % AT_ONCE < self.own[contact // AT_ONCE]:
+            if contact // AT_ONCE == q:
+                g += 1.0
+            for k in ti.static(range(3)):
+                if self.corners[contact][k] == q:
+                    g -= self.weights[contact][k]
+        return g
+
+    @ti.func
+    def rounds_of(self, q):
+        """How many contacts to go through for point q, see `pressing`."""
+        return ti.select(self.listed[q] > SLOTS, AT_ONCE * self.points, self.listed[q])
+
+    @ti.func
+    def pressing(self, q, k):
+        """The k-th contact that presses on point q, and the point's weight in it, which may be 0."""
+        contact, g = k, ti.cast(0.0, float)
+        if self.listed[q] <= SLOTS:
+            contact, g = self.list[q * SLOTS + k], self.weight_in[q * SLOTS + k]
+        else:
+            g = self.weight(k, q)
+        return contact, g
+
+    @ti.func
+    def difference(self, contact, q, corners, weights, x):
+        """What point q has of a field x, less what the place has that it touches."""
+        d = self.near.at(q, x)
+        for k in ti.static(range(3)):
+            d -= weights[k] * self.near.at(corners[k], x)
+        return d
+
+    @ti.func
+    def between(self, contact, x):
+        q = contact // AT_ONCE
+        return self.difference(contact, q, self.corners[contact], self.weights[contact], x)
+
+    @ti.func
+    def depth(self, contact, x):
+        """How deep [m] the contact is pressed; less than 0 where it does not touch."""
+        depth = -self.between(contact, x).dot(self.normal[contact])
+        if ti.static(self.has_thin):
+            depth += self.apart[contact]
+        return depth
+
+    @ti.func
+    def part(self, q):
+        """How much of a particle of the surface the point stands for."""
+        part = ti.cast(1.0, float)
+        if ti.static(self.near.skinned):
+            part = self.parts[q]
+        return part
