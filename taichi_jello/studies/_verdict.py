@@ -26,11 +26,16 @@ def measured(case: dict[str, Any], point: dict[str, Any]) -> float:
     return max(point["centre" if case["chaotic"] else "error"], case["floor"])
 
 
+def ladder(case: dict[str, Any], method: str, precision: str) -> list[dict[str, Any]]:
+    """The points of a method, those that were solved to its own tolerance."""
+    return [p for p in case["points"] if (p["method"], p["precision"]) == (method, precision) and not p["loosened"]]
+
+
 def orders(case: dict[str, Any]) -> dict[str, float]:
     """Slope of log error over log dt by method, from f64 points, where there are enough."""
     found = {}
     for method in dict.fromkeys(point["method"] for point in case["points"]):
-        own = [p for p in case["points"] if p["method"] == method and p["precision"] == "f64" and not case["chaotic"]]
+        own = [p for p in ladder(case, method, "f64") if not case["chaotic"]]
         own = [p for p in own if case["floor"] < p["error"] < COARSE][-FITTED:]
         if len(own) >= 3:
             steps, errors = ([np.log(p[key]) for p in own] for key in ("dt", "error"))
@@ -40,8 +45,9 @@ def orders(case: dict[str, Any]) -> dict[str, float]:
 
 def float32_floor(case: dict[str, Any]) -> float | None:
     """The least error in f32, once there is a step at which f64 is ten times better."""
-    exact = {(p["method"], p["steps"]): p["error"] for p in case["points"] if p["precision"] == "f64"}
-    rounded = [p for p in case["points"] if p["precision"] == "f32" and not p["diverged"]]
+    own = [p for p in case["points"] if not p["loosened"]]
+    exact = {(p["method"], p["steps"]): p["error"] for p in own if p["precision"] == "f64"}
+    rounded = [p for p in own if p["precision"] == "f32" and not p["diverged"]]
     seen = any(10.0 * exact.get((p["method"], p["steps"]), np.inf) < p["error"] for p in rounded)
     return min(p["error"] for p in rounded) if seen and not case["chaotic"] else None
 
@@ -56,7 +62,7 @@ def fastest(case: dict[str, Any], mark: float) -> dict[str, Any] | None:
     second = next((p for p in good if p["method"] != best["method"]), None)
     return {
         "error": mark,
-        **{key: best[key] for key in ("method", "precision", "dt")},
+        **{key: best[key] for key in ("method", "precision", "dt", "tolerance", "passes")},
         "ms_a_frame": ms_a_frame(case, best),
         "next": second and second["method"],
         "times_as_long": second and second["seconds"]["median"] / best["seconds"]["median"],
@@ -77,7 +83,8 @@ def told(case: dict[str, Any], found: dict[str, Any]) -> list[str]:
     if found["float32_floor"]:
         lines.append(f"float32 comes no nearer than {found['float32_floor']:.1e}")
     for who in found["fastest"]:
-        line = f"fastest to {who['error']:g}: {who['method']} {who['precision']} at dt = {who['dt']:.3g} s, "
+        line = f"fastest to {who['error']:g}: {who['method']} {who['precision']} at dt = {who['dt']:.3g} s"
+        line += f", solved to {who['tolerance']:g}, " if who["tolerance"] else ", "
         line += f"{who['ms_a_frame']:.3g} ms a frame"
         if who["next"]:
             line += f"; {who['next']} takes {who['times_as_long']:.1f} times as long"

@@ -4,6 +4,7 @@ import argparse
 import time
 import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import ceil, sqrt
 from pathlib import Path
@@ -25,7 +26,7 @@ RUNGS, LEAST_RUNGS = 8, 5  # steps on a ladder, each half of the one before
 TIMINGS, LEAST_TIMINGS = 7, 3
 LONG = 0.2  # s that one timing lasts, if there is time for it
 SECONDS = {False: 80.0, True: 4.0}  # for all timings together, by --quick
-SOLVE = 30  # passes over the springs that a solve takes, about
+TOLERANCES = (1e-1, 1e-2, 1e-4)  # that implicit steps are solved to, where their own is smaller
 SPRINGS = 1e8  # that are passed in a second, about: it turns seconds into work, so that a rerun has the same ladders
 
 
@@ -127,15 +128,38 @@ def climb(
     for rung in range(len(given) if given else 1 if chosen.substeps or chosen.dt else RUNGS):
         roll = one_point(case, exact, simulation, given[rung] if given else substeps)
         yield roll
+        for tolerance in looser(simulation):
+            yield one_point(case, exact, simulation, roll.point["steps"] // case.frames, tolerance)
         if given:
             continue
         rungs.append(substeps)
-        passes = roll.point["passes"] or SOLVE * simulation.system.integrator.stages * roll.point["steps"]
-        work = passes * len(simulation.body.springs) / SPRINGS
+        work = roll.point["passes"] * len(simulation.body.springs) / SPRINGS
         enough = rung + 1 >= LEAST_RUNGS and 2.0 * work > 0.5 * budget / TIMINGS
         if enough or roll.point["error"] < exact.floor:
             return
         substeps *= 2
+
+
+def looser(simulation: Simulation) -> list[float]:
+    """The ladder of tolerances that the method's own leaves."""
+    integrator = simulation.system.integrator
+    return [one for one in TOLERANCES if one > 2.0 * integrator.solver.accuracy] if integrator.solves else []
+
+
+@contextmanager
+def solved_to(simulation: Simulation, tolerance: float | None) -> Iterator[None]:
+    """Within, implicit steps are solved to this tolerance; to the method's own if it is None."""
+    integrator = simulation.system.integrator
+    if tolerance is None:
+        yield
+        return
+    own, integrator.solver.accuracy = integrator.solver.accuracy, tolerance
+    integrator.tuned()
+    try:
+        yield
+    finally:
+        integrator.solver.accuracy = own
+        integrator.tuned()
 
 
 def coarsest(simulation: Simulation, chosen: argparse.Namespace) -> int:
@@ -150,23 +174,29 @@ def coarsest(simulation: Simulation, chosen: argparse.Namespace) -> int:
     return max(1, ceil(frame / min(safe, frame if chosen.dt else FRAME) * (1.0 - 1e-9)))
 
 
-def one_point(case: Case, exact: Truth, simulation: Simulation, substeps: int) -> Roll:
+def one_point(case: Case, exact: Truth, simulation: Simulation, substeps: int, tolerance: float | None = None) -> Roll:
     """Roll the case out once and compare its end with the truth."""
-    body, steps = simulation.body, case.frames * substeps
+    body, steps, integrator = simulation.body, case.frames * substeps, simulation.system.integrator
     point: dict[str, Any] = {
         "method": simulation.method,
         "precision": simulation.system.owner.precision,
         "dt": simulation.frame_dt / substeps,
         "steps": steps,
-        "passes": None if simulation.system.integrator.solves else steps * simulation.system.integrator.passes,
+        "passes": 0 if integrator.solves else steps * integrator.passes,
+        "tolerance": tolerance or (integrator.solver.accuracy if integrator.solves else None),
+        "loosened": tolerance is not None,
     }
+    before = integrator.solver.passes if integrator.solves else 0
     start = time.perf_counter()
     try:
-        end = roll_out(simulation, case, substeps, case.start(body.x))
+        with solved_to(simulation, tolerance):
+            end = roll_out(simulation, case, substeps, case.start(body.x))
     except Diverged:
         nothing = dict.fromkeys(("error", "centre", "momentum", "angular_momentum", "energy"), np.inf)
         return Roll(point | nothing | {"diverged": True, "seconds": {"min": np.inf, "median": np.inf}}, simulation, [])
     seconds = time.perf_counter() - start
+    if integrator.solves:
+        point["passes"] = integrator.solver.passes - before
     energy = sum(simulation.energies().values())
     x, v = end.x.astype(float), end.v.astype(float)
     moved = [(body.mass @ (a - b)) / body.mass.sum() for a, b in ((x, exact.x), (v, exact.v))]
@@ -195,13 +225,24 @@ def time_in_turns(case: Case, rolls: list[Roll], budget: float) -> None:
                 continue
             times = max(1, round(min(LONG, share / TIMINGS) / once))
             substeps, x = roll.point["steps"] // case.frames, case.start(roll.simulation.body.x)
-            ti.sync()
-            start = time.perf_counter()
-            for _ in range(times):
-                roll_out(roll.simulation, case, substeps, x)
-            ti.sync()
+            with solved_to(roll.simulation, roll.point["tolerance"] if roll.point["loosened"] else None):
+                get_ready(roll.simulation, substeps)
+                ti.sync()
+                start = time.perf_counter()
+                for _ in range(times):
+                    roll_out(roll.simulation, case, substeps, x)
+                ti.sync()
             roll.seconds.append((time.perf_counter() - start) / times)
             roll.point["seconds"] = {"min": min(roll.seconds), "median": float(np.median(roll.seconds))}
+
+
+def get_ready(simulation: Simulation, substeps: int) -> None:
+    """What is done once for a step of that length is not timed with the steps."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StepWarning)
+        simulation.change_step(substeps=substeps)
+    if simulation.system.integrator.solves:
+        simulation.system.integrator.prepare(simulation.system, simulation.dt)
 
 
 def rows(told: dict[str, Any]) -> list[dict[str, Any]]:
@@ -226,14 +267,27 @@ def page(case: dict[str, Any]) -> list[str]:
             point["method"],
             point["precision"],
             f"{point['dt']:.3g}",
-            str(point["passes"] or "-"),
+            str(point["passes"]),
+            f"{point['tolerance']:g}" if point["tolerance"] else "-",
             "diverged" if point["diverged"] else "-" if case["chaotic"] else f"{point['error']:.2e}",
             *(f"{point[name]:.1e}" for name in ("centre", "momentum", "angular_momentum", "energy")),
             f"{per_frame * point['seconds']['min']:.3g} ({per_frame * point['seconds']['median']:.3g})",
         ]
         for point in case["points"]
     ]
-    heads = ["method", "number", "dt [s]", "passes", "error", "centre", "dP", "dL", "dE [J]", "ms a frame (median)"]
+    heads = [
+        "method",
+        "number",
+        "dt [s]",
+        "passes",
+        "solved to",
+        "error",
+        "centre",
+        "dP",
+        "dL",
+        "dE [J]",
+        "ms a frame (median)",
+    ]
     return [
         f"{case['case']}: {case['shows'] or case['particles']}, {case['seconds']:.4g} s, "
         f"{case['particles']} particles, {case['springs']} springs",

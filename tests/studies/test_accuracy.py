@@ -128,8 +128,9 @@ def test_the_plot_shows_every_method_and_real_time(quick, tmp_path):
 
 
 def point(method, error, seconds, **more):
-    return {"method": method, "precision": "f64", "dt": 1e-3, "steps": 100, "error": error, "centre": 1e-9,
-            "diverged": False, "seconds": {"min": seconds, "median": seconds}} | more  # fmt: skip
+    shown = {"method": method, "precision": "f64", "error": error, "seconds": {"min": seconds, "median": seconds}}
+    usual = {"dt": 1e-3, "steps": 100, "passes": 400, "centre": 1e-9, "diverged": False, "tolerance": None}
+    return shown | usual | {"loosened": False} | more
 
 
 def test_an_unknown_method_is_named():
@@ -145,6 +146,27 @@ def test_ctrl_c_keeps_what_was_measured(quick, monkeypatch):
     told = accuracy.measure(asked(method="rk4", substeps=100))
     assert told["interrupted"] and [p["precision"] for p in told["cases"][0]["points"]] == ["f64"]
     assert accuracy.text(told).endswith("interrupted: the tables hold what was measured until then")
+
+
+def test_implicit_steps_are_solved_to_a_ladder_of_tolerances():
+    """The fewer passes, the looser; a run after one that was loosened gives the bits of one before."""
+    runtime.start("cpu", "f64", 1)
+    case = small_smooth()
+    start = case.start(case.body.x)
+    exact = truths.Truth(start, 0.0 * start, 1.0, 1e-12, 1.0, 0.0, 0.0, "its beginning")
+    rolls = list(accuracy.climb(case, exact, "backward-euler", {}, 1.0, asked(substeps=12)))
+    points, simulation = [roll.point for roll in rolls], rolls[0].simulation
+    assert [p["tolerance"] for p in points] == [1e-9, *accuracy.TOLERANCES]
+    assert [p["loosened"] for p in points] == [False, True, True, True]
+    own, *loosened = (p["passes"] for p in points)
+    assert 24 <= loosened[0] < loosened[1] < loosened[2] < own  # a solve takes an evaluation and a product at least
+    away = [abs(p["error"] / points[0]["error"] - 1.0) for p in points]  # solved to 1e-4 of a step, 12 times
+    assert 0.0 < away[3] < 12 * 1e-4 and away[3] < away[1]
+    ends = [truths.roll_out(simulation, case, 12, start).x]
+    with accuracy.solved_to(simulation, 0.1):
+        ends.append(truths.roll_out(simulation, case, 12, start).x)
+    ends.append(truths.roll_out(simulation, case, 12, start).x)
+    assert np.array_equal(ends[0], ends[2]) and not np.array_equal(ends[0], ends[1])
 
 
 def test_the_verdict_takes_the_fastest_that_is_near_enough():

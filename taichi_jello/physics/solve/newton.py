@@ -17,7 +17,7 @@ from taichi_jello.physics.state import State
 DONE, EVALUATE, CONJUGATE = 0, 1, 2
 BEGIN, BACK, AT_REST, GO_ON = 0, 1, 2, 3  # phases: what a turn has found out
 # What the registers hold; every member of a team reads them, the first one writes.
-C, TIME, RHO, SLOPE, ALPHA, BETA, TOLERANCE, STOP_AT, NOISE = range(9)
+C, TIME, RHO, SLOPE, ALPHA, BETA, TOLERANCE, STOP_AT, NOISE, ACCURACY = range(10)
 ROUNDS, INNER, TRIES, PHASE, EVALUATIONS, PRODUCTS = range(6)
 
 OVERSHOOT = 0.5  # of the slope at the start, by which it may have turned around where a step ends
@@ -28,8 +28,8 @@ class Newton:
     """Fields and turns of one solve. `start` is given z, w and c; then `turn` is repeated until `mode` is DONE.
 
     accuracy: it ends when a step moves no particle farther than this part of the first step, or than positions are
-    rounded. forcing: by how much conjugate gradients reduce the residual before Newton goes on. rounds and inner: the
-    most Newton steps, and products with H for each.
+    rounded; it may be changed before `prepare`. forcing: by how much conjugate gradients reduce the residual before
+    Newton goes on. rounds and inner: the most Newton steps, and products with H for each.
     """
 
     kinds = (EVALUATE, CONJUGATE)
@@ -44,7 +44,7 @@ class Newton:
         self.sums = memory.table("solve", "sums", np.zeros((memory.passes, 3)))
         self.mode = memory.table("solve", "mode", np.zeros(1, np.int32))
         self.counts = memory.table("solve", "counts", np.zeros(6, np.int32))
-        self.registers = memory.table("solve", "registers", np.zeros(9))
+        self.registers = memory.table("solve", "registers", np.zeros(10))
         self.inner_solver = inner_solver(memory)
         self.rotations = Rotations(memory, body)
 
@@ -53,7 +53,13 @@ class Newton:
         self.inner_solver.prepare(system, c)
         # A rounding of x changes forces by Λ of it at most, and these move the particle by c² of that, or back.
         stiffness = sum(rate.squared_frequency for rate in system.rates)
+        self.registers[ACCURACY] = self.accuracy
         self.registers[NOISE] = 16.0 * system.owner.epsilon * min(1.0, c * c * stiffness)
+
+    @property
+    def passes(self) -> int:
+        """How often it has gone through all springs until now: for their forces, or for a product with H."""
+        return int(self.counts[EVALUATIONS]) + int(self.counts[PRODUCTS])
 
     # Every function below is called by all members of a team, each for its particles first … last - 1.
 
@@ -192,7 +198,7 @@ class Newton:
                 moved = self.largest(1)
                 if self.counts[ROUNDS] == 1:
                     noise = self.registers[NOISE] * self.largest(2)
-                    self.registers[TOLERANCE] = ti.max(noise, self.accuracy * moved)
+                    self.registers[TOLERANCE] = ti.max(noise, self.registers[ACCURACY] * moved)
                 self.mode[0] = DONE if moved <= self.registers[TOLERANCE] else EVALUATE
         self.registers[RHO] = rho
 
