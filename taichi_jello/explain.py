@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from taichi_jello.body import FAMILY_NAMES
+from taichi_jello.physics.forces._base import Rates
 from taichi_jello.simulation import Simulation
 
 
@@ -50,11 +51,20 @@ def facts(simulation: Simulation) -> dict[str, Any]:
         },
         "method": simulation.method,
         "automatic": system.integrator.automatic,
+        "unseen": _unseen(system),
         "chosen": simulation.choice.reason if simulation.choice else "asked for",
         "dt": simulation.dt,
         "substeps": simulation.substeps,
         "frame_dt": simulation.frame_dt,
     }
+
+
+def _unseen(system: Any) -> list[str]:
+    """The forces that change with place or speed and do not tell an implicit solve how (see ParticleForce)."""
+    if not system.integrator.solves:
+        return []
+    silent = [force for force in system.all_forces if not (force.has_curvature or force.couples)]
+    return [force.title for force in silent if force.reads_velocity or force.rates() != Rates()]
 
 
 def _form(team: int) -> str:
@@ -72,6 +82,7 @@ def text(told: dict[str, Any]) -> str:
         + ", ".join(f"{n} {name}" for name, n in told["springs"].items()),
         f"  {told['arch']}, {told['precision']}, {told['form']}",
         f"method: {told['method']}: {told['chosen']}",
+        *(f"  {title}: taken where the step ends, its slope unseen by the solve" for title in told["unseen"]),
         "compiled in: " + ", ".join(told["compiled_in"]),
         "left out:    " + (", ".join(told["left_out"]) or "nothing"),
         f"fields: {told['bytes']:,} bytes, {told['bytes'] / told['particles']:.0f} a particle",

@@ -13,6 +13,7 @@ from taichi_jello.cli import main as jello
 from taichi_jello.options import studies
 from taichi_jello.studies._report import FIGURES
 from taichi_jello.studies._verdict import fastest
+from taichi_jello.words import plain
 
 BEGIN, END = "<!-- accuracy -->", "<!-- end -->"
 GOALS = (1e-2, 1e-3, 1e-4, 1e-5)  # errors of the table's columns
@@ -26,7 +27,7 @@ def accuracy_table(told: dict[str, Any]) -> str:
         cells = [f"{case['case']}: {case['shows']}"]
         for goal in GOALS:
             best = fastest(case, goal)
-            cells.append(f"{best['method']} {best['precision']}, {best['ms_a_frame']:.2g} ms" if best else "-")
+            cells.append(f"{best['method']} {best['precision']}, {plain(best['ms_a_frame'])} ms" if best else "-")
         cells.append(f"{case['float32_floor']:.0e}" if case["float32_floor"] else "-")
         lines.append("| " + " | ".join([*cells, f"{case['disagreement']:.0e}"]) + " |")
     return "\n".join(lines)

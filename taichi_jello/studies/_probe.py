@@ -1,9 +1,10 @@
 """One scene in a fresh process: `python -m taichi_jello.studies._probe SCENE [options of jello explain]` prints as JSON
-what it compiles in, how many kernels that takes and how long, until its first frame is done."""
+what it compiles in, how many kernels that takes and how long until its first frame is done, and the frames after it."""
 
 import contextlib
 import io
 import json
+import statistics
 import sys
 import time
 from typing import Any
@@ -14,6 +15,9 @@ from taichi_jello import runtime
 from taichi_jello.cli import make_scene, make_simulation
 from taichi_jello.explain import facts
 from taichi_jello.options import options
+from taichi_jello.simulation import Simulation
+
+FRAMES, LEAST = 0.5, 3  # s of frames that are timed, and how many at least
 
 
 def main(arguments: list[str]) -> None:
@@ -35,7 +39,19 @@ def main(arguments: list[str]) -> None:
         simulation = make_simulation(chosen, scene)
         simulation.frame()
         seconds = time.perf_counter() - start
-    print(json.dumps({"kernels": kernels, "seconds": seconds, "facts": facts(simulation)}))
+        frames = frame_seconds(simulation)
+    told = {"kernels": kernels, "seconds": seconds, "frame_seconds": frames, "facts": facts(simulation)}
+    print(json.dumps(told))
+
+
+def frame_seconds(simulation: Simulation) -> float:
+    """The median time of the frames that follow, of half a second of them or as many as the scene has."""
+    times: list[float] = []
+    while sum(times) < FRAMES and (len(times) < LEAST or simulation.time < simulation.scene.seconds):
+        start = time.perf_counter()
+        simulation.frame()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
 
 
 if __name__ == "__main__":

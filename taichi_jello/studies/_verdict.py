@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from taichi_jello.physics.integrators import schemes
+from taichi_jello.words import plain
 
 FRAME = 1.0 / 60.0  # s; run times are told for one drawn frame
 MARKS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # errors for which the fastest method is named
@@ -85,9 +86,11 @@ def told(case: dict[str, Any], found: dict[str, Any]) -> list[str]:
     for who in found["fastest"]:
         line = f"fastest to {who['error']:g}: {who['method']} {who['precision']} at dt = {who['dt']:.3g} s"
         line += f", solved to {who['tolerance']:g}, " if who["tolerance"] else ", "
-        line += f"{who['ms_a_frame']:.3g} ms a frame"
+        line += f"{plain(who['ms_a_frame'], 3)} ms a frame"
         if who["next"]:
-            line += f"; {who['next']} takes {who['times_as_long']:.1f} times as long"
+            line += f"; {who['next']} takes {plain(who['times_as_long'])} times as long"
+        else:
+            line += "; no other method got there"
         lines.append(line)
     return lines
 
@@ -100,11 +103,11 @@ def sentence(case: dict[str, Any]) -> str:
     if best:
         return (
             f"To be {goal}, use {best['method']} at dt = {best['dt']:.2g} s in {best['precision']}, "
-            f"{best['ms_a_frame']:.2g} ms a frame of {1e3 * FRAME:.1f} ms."
+            f"{plain(best['ms_a_frame'])} ms a frame of {1e3 * FRAME:.1f} ms."
         )
     reached = [p for p in case["points"] if not p["diverged"]]
     if not reached:
         return f"Nothing here was {goal}."
     nearest = min(reached, key=lambda p: measured(case, p))
     error = 1e3 * case["edge"] * measured(case, nearest)
-    return f"Nothing here was {goal}; {nearest['method']} at dt = {nearest['dt']:.2g} s came to {error:.2g} mm."
+    return f"Nothing here was {goal}; {nearest['method']} at dt = {nearest['dt']:.2g} s came to {plain(error)} mm."

@@ -18,6 +18,7 @@ from taichi_jello.progress import bar
 from taichi_jello.scene import Scene, SceneError
 from taichi_jello.simulation import Diverged, Simulation, Snapshot, StepWarning
 from taichi_jello.studies._report import Lacking, headline, machine, table
+from taichi_jello.words import plain
 
 PLOTS = (".png", ".mp4", ".gif")
 SIZE = (1280, 720)  # pixels of the whole picture
@@ -134,9 +135,9 @@ def text(told: dict[str, Any]) -> str:
             one["method"],
             f"{one['dt']:.3g}",
             str(one["substeps"]),
-            f"{1e3 * one['drift']:.3g}" if one["stopped"] is None else f"stopped at {one['stopped']:.3g} s",
-            f"{1e3 * one['centre']:.3g}",
-            f"{one['ms_a_frame']:.3g}",
+            plain(1e3 * one["drift"], 3) if one["stopped"] is None else f"stopped at {one['stopped']:.3g} s",
+            plain(1e3 * one["centre"], 3),
+            plain(one["ms_a_frame"], 3),
         ]
         for one in told["methods"]
     ]
@@ -153,6 +154,8 @@ def plot(told: dict[str, Any], path: Path) -> None:
     from taichi_jello.film import Film, FilmProblem
     from taichi_jello.record import write_png
 
+    if not told["methods"]:
+        raise Lacking("nothing was measured that could be drawn")
     count = min(len(run.moments) for run in told["_runs"])
     with closing(Tiles(told)) as tiles:
         if path.suffix == ".png":
@@ -215,7 +218,7 @@ class Tiles:
         rms = 1e3 * float(np.sqrt(np.mean(away**2)))
         height = self.size[1] / 24.0
         sheet.text(words, height, 1.8 * height, height)
-        sheet.text(f"drift {rms:.2g} mm", height, 3.6 * height, 0.8 * height)
+        sheet.text(f"drift {plain(rms)} mm", height, 3.6 * height, 0.8 * height)
         sheet.stamp(image)
         return image
 

@@ -5,6 +5,7 @@ from taichi.lang.kernel_impl import Func
 
 from taichi_jello import (
     Box,
+    CallableField,
     Contact,
     GravityKeyframe,
     Keyframe,
@@ -16,7 +17,7 @@ from taichi_jello import (
     Sphere,
     UniformField,
 )
-from taichi_jello.explain import facts
+from taichi_jello.explain import facts, text
 
 CUBE = Box(points=(3, 3, 3))
 
@@ -55,6 +56,15 @@ def test_a_feature_is_listed_where_it_is_used_and_only_there(feature, scene):
 def test_colliders_that_cannot_push_are_left_out():
     scene = Scene(jello=[CUBE], collider=[Plane()], contact=Contact(stiffness=0.0))
     assert "contact" in facts(Simulation(scene))["left_out"]
+
+
+def test_forces_that_an_implicit_solve_does_not_see_are_named():
+    fields = [CallableField(function=lambda x, v, t: -x), UniformField(force=(0.1, 0.0, 0.0))]
+    scene = Scene(jello=[CUBE], drag=0.1, force=fields)
+    told = facts(Simulation(scene, method="backward-euler"))
+    assert told["unseen"] == ["callable field"]  # a constant one has no slope
+    assert "callable field: taken where the step ends, its slope unseen by the solve" in text(told)
+    assert facts(Simulation(scene, method="rk4"))["unseen"] == []
 
 
 def test_one_point_has_no_springs():

@@ -157,11 +157,11 @@ def test_implicit_steps_are_solved_to_a_ladder_of_tolerances():
     rolls = list(accuracy.climb(case, exact, "backward-euler", {}, 1.0, asked(substeps=12)))
     points, simulation = [roll.point for roll in rolls], rolls[0].simulation
     assert [p["tolerance"] for p in points] == [1e-9, *accuracy.TOLERANCES]
-    assert [p["loosened"] for p in points] == [False, True, True, True]
+    assert [p["loosened"] for p in points] == [False, True, True]
     own, *loosened = (p["passes"] for p in points)
-    assert 24 <= loosened[0] < loosened[1] < loosened[2] < own  # a solve takes an evaluation and a product at least
-    away = [abs(p["error"] / points[0]["error"] - 1.0) for p in points]  # solved to 1e-4 of a step, 12 times
-    assert 0.0 < away[3] < 12 * 1e-4 and away[3] < away[1]
+    assert 24 <= loosened[0] < loosened[1] < own  # a solve takes an evaluation and a product at least
+    away = [abs(p["error"] / points[0]["error"] - 1.0) for p in points]  # solved to 1e-3 of a step, 12 times
+    assert 0.0 < away[2] < 12 * 1e-3 and away[2] < away[1]
     ends = [truths.roll_out(simulation, case, 12, start).x]
     with accuracy.solved_to(simulation, 0.1):
         ends.append(truths.roll_out(simulation, case, 12, start).x)

@@ -26,7 +26,7 @@ def test_on_the_command_line_a_fresh_process_compiles_each_scene(jello, tmp_path
     assert "contact" in row["left_out"] and row["bytes"] > 0
     # Filling the fields, the step and reading the state back: nothing else is compiled to run a scene.
     assert row["kernels"] == 3
-    assert row["warm_seconds"] > 0.0 and row["cold_seconds"] > 0.0
+    assert row["warm_seconds"] > 0.0 and row["cold_seconds"] > 0.0 and row["ms_a_frame"] > 0.0
     assert "without " in done.stdout
 
 
