@@ -21,6 +21,7 @@ from taichi_jello.physics.state import ALONE, Memory, State
 from taichi_jello.plugins import classes
 from taichi_jello.scene import Scene
 
+FASTEST = 1e7  # m/s, along an axis; what is faster is on its way to infinity
 ENERGIES = ("kinetic", "elastic", "gravity", "contact")
 
 
@@ -387,14 +388,16 @@ class System:
                 values[i, 3 + axis] = self.state.v[i][axis]
 
     def keep_if_finite(self) -> int | None:
-        """Remember the state as good; or, if it has numbers that are not finite, go back to the last good one and
-        return the first particle with such a number."""
+        """Remember the state as good; or, if it has numbers that are not finite or speeds beyond FASTEST, go back to
+        the last good one and return the first particle with such a number."""
         values = np.empty_like(self._good)
         self._read(values)
         with np.errstate(invalid="ignore"):
             total = values.sum(dtype=np.float64)  # one sum is cheaper than a look at each
-        if not np.isfinite(total):
-            bad = np.flatnonzero(~np.isfinite(values).all(1))
+        speeds = values[:, 3:]
+        if not (np.isfinite(total) and speeds.min() > -FASTEST and speeds.max() < FASTEST):
+            good = np.isfinite(values).all(1) & (np.abs(speeds) < FASTEST).all(1)
+            bad = np.flatnonzero(~good)
             if len(bad):
                 self._write(self._good)
                 self._forget()

@@ -3,6 +3,7 @@
 from taichi_jello.view import palette
 from taichi_jello.view.actions import HELP
 from taichi_jello.view.hand import mark
+from taichi_jello.view.highlight import highlight
 from taichi_jello.view.legend import Sheet, legend
 from taichi_jello.view.plot import plot
 from taichi_jello.view.viewer import Viewer
@@ -21,6 +22,8 @@ def overlay(viewer: Viewer) -> Sheet:
     sheet.text(viewer.notice or "H: help", 28.0 * s, 62.0 * s, 10.0 * s, ink)
     if viewer.panelled:
         plot(sheet, viewer.gauges.past)
+    if viewer.culprit is not None:
+        highlight(sheet, viewer.culprit, viewer.simulation.snapshot().x, viewer.viewpoint)
     held = viewer.simulation.held if viewer.hand is not None or viewer.repeating else None
     if held is not None:
         mark(sheet, held, viewer.viewpoint)

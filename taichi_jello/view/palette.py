@@ -11,6 +11,7 @@ OBSTACLE = np.array([0.70, 0.74, 0.79])
 SHADOW = np.array([0.44, 0.46, 0.54])
 PARTICLE = np.array([0.13, 0.14, 0.20])
 INK = np.array([0.13, 0.15, 0.20])
+ALARM = np.array([0.93, 0.00, 0.62])
 PAPER = np.array([0.985, 0.985, 0.990])
 
 # One skin colour per jello, in turn: raspberry, lime, blueberry, orange, grape, lagoon.

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from taichi_jello.physics.blame import Culprit
 from taichi_jello.replay import ReplayOver
 from taichi_jello.scene import COLORS, SHOWS, Scene
 from taichi_jello.simulation import Diverged, Simulation
@@ -60,6 +61,7 @@ class Viewer:
         self.hand: Hand | None = None
         self.gauges = Gauges()
         self.notice, self._repeated = "", self.repeating
+        self._culprit: tuple[float, Culprit | None] = 0.0, None
         self.pace.rest()
 
     @property
@@ -200,6 +202,13 @@ class Viewer:
         self.let_go()
         told = "numbers went bad at particle {particle}: dt = {dt:.3g} s, safe dt = {safe_dt:.3g} s; R: start again"
         self.notice = told.format(**bad.record)
+        self._culprit = self.simulation.time, bad.culprit
+
+    @property
+    def culprit(self) -> Culprit | None:
+        """What made the numbers go bad, as long as the last good state is shown."""
+        time, found = self._culprit
+        return found if self.paused and self.simulation.time == time else None
 
     def tune(self, **numbers: Any) -> bool:
         """Change numbers of the simulation's tuning; False, with a notice, where they cannot be."""

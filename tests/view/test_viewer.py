@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from still import Still, cube_scene
 
+from taichi_jello.physics.blame import Culprit
 from taichi_jello.physics.colliders.sphere import Sphere
 from taichi_jello.physics.integrators import schemes
 from taichi_jello.scene import COLORS, SHOWS
 from taichi_jello.simulation import Diverged
+from taichi_jello.view import palette
 from taichi_jello.view.actions import HELP, KEYS, WIND
 from taichi_jello.view.overlay import overlay
 from taichi_jello.view.pace import BUDGET, MOST_FRAMES
@@ -389,3 +391,31 @@ def test_state_is_written(viewer):
     viewer.handle_key(" ")
     words = [text.words for text in overlay(viewer).texts]
     assert any("60 fps" in w and "paused" in w for w in words)
+
+
+def test_what_made_the_numbers_go_bad_is_marked(viewer, monkeypatch):
+    """A thick line along the spring in a colour that nothing else has, and the words, while paused at that moment."""
+    told = "the structural spring between particles 0 and 7 of jello 0 had grown to 1e+09 N"
+    culprit = Culprit("spring", "springs", (0, 7), 0, 1.0, 1e9, told)
+
+    def bad(self):
+        raise Diverged({"time": 1.0, "particle": 7, "jello": 0, "dt": 0.01, "safe_dt": 0.002}, lambda: culprit)
+
+    def marked():
+        """Pixels in that colour along the spring, and in the whole picture."""
+        viewer.update()
+        image = np.full((720, 1280, 3), 255, np.uint8)
+        overlay(viewer).stamp(image)
+        alarming = np.abs(image - 255.0 * palette.ALARM).max(2) < 2.0
+        ends = viewer.viewpoint.project(viewer.simulation.snapshot().x[[0, 7]].astype(float), viewer.size)
+        along = np.round(ends[0] + np.linspace(0.0, 1.0, 50)[:, None] * (ends[1] - ends[0])).astype(int)
+        return alarming[along[:, 1], along[:, 0]].mean(), alarming.sum()
+
+    assert marked() == (0.0, 0)
+    monkeypatch.setattr(Still, "frame", bad)
+    viewer.advance(0.1)
+    covered, everywhere = marked()
+    assert covered > 0.95 and everywhere > 1000
+    assert any(text.words == told for text in overlay(viewer).texts)
+    viewer.paused = False
+    assert marked() == (0.0, 0)
