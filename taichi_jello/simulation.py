@@ -22,6 +22,8 @@ from taichi_jello.physics.ledger import Books
 from taichi_jello.physics.system import System
 from taichi_jello.scene import Scene, SceneError, vector
 
+MOST_SUBSTEPS = 1_000_000  # of a frame that an automatic step may come to
+
 
 class StepWarning(UserWarning):
     """The step asked for is longer than the scene's safe one."""
@@ -89,6 +91,7 @@ class Simulation:
         self.frame_dt = scene.solver.frame_dt
         self.asked_step = scene.solver.dt if dt is None else dt, substeps
         self.choice: Choice | None = None  # of `auto`
+        self._told: tuple[Any, ...] = ()  # the step that was warned of
         if self.method == AUTO:
             own_step = self.asked_step != ("auto", None)
             self.system, self.choice = choose(scene, self.body, own_step, team=team, ledger=ledger)
@@ -131,13 +134,20 @@ class Simulation:
                     "give dt in seconds, or another method such as rk4",
                 )
             asked = self.system.integrator.automatic_dt(self.system.bound, self.frame_dt)
+            if self.frame_dt > MOST_SUBSTEPS * asked:
+                raise SceneError(
+                    "solver.dt",
+                    f"the largest safe step of {self.method} is {safe:.3g} s, {self.frame_dt / asked:.3g} for a frame; "
+                    "give dt in seconds, or an implicit method such as backward-euler",
+                )
             return max(1, ceil(self.frame_dt / asked * (1.0 - 1e-9)))
         else:
             chosen = max(1, ceil(self.frame_dt / float(dt) * (1.0 - 1e-9)))
             if float(dt) > self.frame_dt * (1.0 + 1e-6):
                 told = f"dt = {float(dt):.3g} s is longer than a frame: steps are {self.frame_dt:.3g} s"
                 warnings.warn(told, StepWarning, stacklevel=3)
-        if self.frame_dt / chosen > safe * (1.0 + 1e-6):
+        if self.frame_dt / chosen > safe * (1.0 + 1e-6) and self._told != (self.method, dt, substeps):
+            self._told = self.method, dt, substeps  # once, not for every move of a slider
             warnings.warn(
                 f"dt = {self.frame_dt / chosen:.3g} s is beyond the largest safe step of {self.method}, {safe:.3g} s",
                 StepWarning,
@@ -332,9 +342,14 @@ class Simulation:
         """Change some of `tuning` from now on; an automatic dt follows the new safe step. Raises ValueError for a
         number that cannot be, or that the scene does not have."""
         runtime.check(self.system.owner)
+        before = {name: self.tuning[name] for name in numbers if name in self.tuning}
         with self._booked("tuning"):
             self.system.tune(**numbers)
-        self._choose_step()
+        try:
+            self._choose_step()
+        except SceneError as error:
+            self.system.tune(**before)
+            raise ValueError(error.problem) from None
 
     def change_method(self, name: str) -> None:
         """Go on from here with another method. Raises SceneError if there is none of that name or it has no safe

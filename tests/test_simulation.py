@@ -1,5 +1,7 @@
 """Clock, restart, divergence and the life of a Taichi start."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from taichi_jello import (
     Box,
     CallableField,
     Diverged,
+    Grab,
     Plane,
     Room,
     Scene,
@@ -123,3 +126,41 @@ def test_a_simulation_does_not_outlive_its_taichi(precision, request):
     for use in (simulation.frame, simulation.energies, simulation.reset, lambda: simulation.x):
         with pytest.raises(runtime.RuntimeProblem, match="started again"):
             use()
+
+
+def test_an_automatic_step_follows_what_changes():
+    """Stiffness, damping, contact and the hand, in mid-run: steps go with 1/√k and the run stays bounded."""
+    scene = Scene(jello=[SMALL], collider=[Plane()], force=[Grab()])
+    simulation = Simulation(scene, method="rk4")
+    simulation.advance(0.3)
+    before = simulation.substeps
+    simulation.tune(stiffness=100.0, contact_stiffness=1e5)
+    stiff = simulation.substeps
+    assert 3 * before < stiff < 10 * before  # ten times √k; dashpots, which had a part in it, are as before
+    simulation.advance(0.3)
+    energy = sum(simulation.energies().values())
+    simulation.advance(0.3)
+    assert sum(simulation.energies().values()) < 1.05 * energy
+    simulation.tune(damping=20.0)
+    thick = simulation.substeps
+    assert thick > stiff
+    simulation.grab([0], [1.0], (0.0, 1.0, 0.0))
+    assert simulation.substeps > thick and simulation.dt <= simulation.safe_dt
+    simulation.advance(0.1)
+    assert np.isfinite(simulation.x).all()
+    simulation.release()
+    with pytest.raises(ValueError, match=r"the largest safe step of rk4 is .* implicit method"):
+        simulation.tune(stiffness=1e15)
+    assert simulation.substeps == thick and simulation.tuning["stiffness"] == 100.0
+    simulation.tune(stiffness=1.0, damping=1.0, contact_stiffness=2000.0)
+    assert simulation.substeps == before
+
+
+def test_a_fixed_step_warns_once():
+    simulation = Simulation(Scene(jello=[SMALL]), method="rk4", dt=6e-4)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        for factor in (1.0, 50.0, 100.0, 200.0):
+            simulation.tune(stiffness=factor)
+        assert len(told) == 1 and "beyond the largest safe step of rk4" in str(told[0].message)
+    assert simulation.dt == pytest.approx(6e-4, rel=0.1)
