@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from taichi_jello import runtime
+from taichi_jello.physics.integrators import schemes
 
 
 def pytest_addoption(parser):
@@ -18,7 +19,14 @@ def precisions(config):
 
 
 def pytest_generate_tests(metafunc):
-    if "precision" in metafunc.fixturenames:
+    """Tests that ask for `precision` run in both; those that ask for `scheme` too run with every scheme. The implicit
+    ones share their solver, which takes longest to compile: in the lower precision one of them stands for all."""
+    if "scheme" in metafunc.fixturenames:
+        known, numbers = schemes(), precisions(metafunc.config)
+        of_all = {name for name, scheme in known.items() if not scheme.solves} | {"backward-euler"}
+        cases = [(p, name) for p in numbers for name in sorted(known) if p == numbers[-1] or name in of_all]
+        metafunc.parametrize(("precision", "scheme"), cases, indirect=["precision"], scope="module")
+    elif "precision" in metafunc.fixturenames:
         metafunc.parametrize("precision", precisions(metafunc.config), indirect=True, scope="module")
 
 
