@@ -10,10 +10,10 @@ from taichi_jello.physics.state import Memory
 @ti.data_oriented
 class Particles:
     """count N; `mass(i)` [kg] and `inverse_mass(i)` [1/kg], zero for a pinned particle. Equal masses and no pins
-    need no field: the number is compiled in."""
+    need no field: the number is compiled in. origin (3,) [m]: what positions in fields are relative to."""
 
-    def __init__(self, body: Body, memory: Memory):
-        self.body, self.memory, self.count = body, memory, len(body)
+    def __init__(self, body: Body, memory: Memory, origin: np.ndarray):
+        self.body, self.memory, self.count, self.origin = body, memory, len(body), origin
         self.uniform = bool(np.ptp(body.mass) <= 1e-12 * body.mass[0])
         self.pinned = bool(body.pinned.any())
         self.one_mass = float(body.mass[0])

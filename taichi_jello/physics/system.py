@@ -1,5 +1,6 @@
 """System: a scene's bodies and forces as Taichi fields and kernels, with only what the scene has."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from taichi_jello.physics import forces as force_folder
 from taichi_jello.physics.bounds import Bound
 from taichi_jello.physics.changes import Changes
 from taichi_jello.physics.forces._base import ParticleForce
+from taichi_jello.physics.forces.field import CallableField, GridField
 from taichi_jello.physics.forces.springs import Springs
 from taichi_jello.physics.gather import reach
 from taichi_jello.physics.handles import Handles
@@ -21,6 +23,7 @@ from taichi_jello.physics.state import ALONE, Memory, State
 from taichi_jello.plugins import classes
 from taichi_jello.scene import Scene
 
+FAR = 256.0  # m; there f32 has steps of 0.03 mm
 FASTEST = 1e7  # m/s, along an axis; what is faster is on its way to infinity
 ENERGIES = ("kinetic", "elastic", "gravity", "contact")
 
@@ -46,10 +49,13 @@ class System:
         self.memory = Memory(len(body), reach(body), owner)
         self.count, self.lanes, self.passes = len(body), self.memory.lanes, self.memory.passes
         self.owner = owner
+        self.origin = self._choose_origin(scene, body)
+        if self.origin.any():
+            body = replace(body, x=body.x - self.origin)
         v = np.where(body.pinned[:, None], 0.0, body.v)
         self.state = State.made_in(self.memory, "state", body.x, v)
         self._good = np.hstack([body.x, v]).astype(self.memory.number)
-        self.particles = Particles(body, self.memory)
+        self.particles = Particles(body, self.memory, self.origin)
         made = {kind: kind.made_for(scene, self.particles) for kind in force_kinds()}
         self.absent = [kind.title for kind, found in made.items() if not found]
         self.all_forces = tuple(force for found in made.values() for force in found)
@@ -77,8 +83,17 @@ class System:
             self.reached = self.memory.table("clock", "steps done", np.zeros(1, np.int32))
         self.memory.fill()
         self.changes = Changes(scene, body, list(self.all_forces))
-        self.drag = scene.drag
+        self.drag, self.mass = scene.drag, float(body.mass.sum())
         self.find_bound()
+
+    @staticmethod
+    def _choose_origin(scene: Scene, body: Body) -> np.ndarray:
+        """(3,) [m] What positions in fields are relative to, so that f32 is as fine far away as near the world's
+        origin: to the metre the middle of the body, if that is far away. Forces of places in the world, and gravity's
+        work as it changes, are for positions in the world."""
+        of_places = any(isinstance(force, (GridField, CallableField)) for force in scene.force)
+        middle = np.round(body.x.mean(0))
+        return np.zeros(3) if of_places or scene.keyframe or np.abs(middle).max() < FAR else middle
 
     def find_bound(self) -> None:
         """Find the safe step of the forces as they are now."""
@@ -365,6 +380,7 @@ class System:
 
     def write(self, x: np.ndarray, v: np.ndarray) -> None:
         """Set the state, (N, 3) each, and remember it as good."""
+        x = x - self.origin if self.origin.any() else x
         self._good = np.hstack([x, v]).astype(self.memory.number)
         self._write(self._good)
         self._forget()
@@ -377,8 +393,9 @@ class System:
                 self.state.v[i][axis] = values[i, 3 + axis]
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
-        """The last good state, x and v, (N, 3) each."""
-        return self._good[:, :3].copy(), self._good[:, 3:].copy()
+        """The last good state, x and v, (N, 3) each; x in float64 if it is far from the world's origin."""
+        x, v = self._good[:, :3].copy(), self._good[:, 3:].copy()
+        return (x + self.origin if self.origin.any() else x), v
 
     @ti.kernel
     def _read(self, values: ti.types.ndarray()):
@@ -432,4 +449,7 @@ class System:
         if self.prepared:
             self._prepare(t)
         self._energy_shares(t, shares)
-        return dict(zip(ENERGIES, shares.sum(0, dtype=np.float64).tolist(), strict=True))
+        told = dict(zip(ENERGIES, shares.sum(0, dtype=np.float64).tolist(), strict=True))
+        if self.origin.any() and "gravity" in self.tuning:
+            told["gravity"] -= self.mass * float(np.dot(self.tuning["gravity"], self.origin))
+        return told

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_jello import Block, Box, Plane, Scene, Simulation, Sphere, runtime
+from taichi_jello import Block, Box, Grab, Plane, Scene, Simulation, Sphere, runtime
 
 SLAB = Block(center=(0.0, -0.025, 0.0), size=(4.0, 0.05, 4.0))
 BALL = Sphere(center=(0.0, -0.05, 0.0), radius=0.05)
@@ -115,3 +115,23 @@ def test_the_way_into_a_core():
     assert entry(0.0, 1.25, 0.0, 0.3)[3] == 2.0  # stops short
     assert entry(0.0, 0.0, 0.0, 2.0)[3] == 2.0  # out of it
     assert entry(2.0, 1.0, -2.0, 1.0)[3] == 2.0  # beside it
+
+
+def test_far_from_the_origin_it_is_as_near_it():
+    """10 km away f32 has steps of 1 mm; positions are kept relative to a point near by."""
+    found = []
+    for away in (np.zeros(3), np.array([10000.0, 2500.0, -5000.0])):
+        box = Box(points=(3, 3, 3), mass=0.1, position=tuple(away + [0.0, 0.6, 0.0]), rotation=(3.0, 4.0, 5.0))
+        ball = Sphere(center=tuple(away + [0.3, -0.2, 0.0]), radius=0.4)
+        scene = Scene(jello=[box], collider=[Plane(point=tuple(away)), ball], force=[Grab()])
+        simulation = Simulation(scene, method="rk4")
+        simulation.advance(0.2)
+        simulation.grab([0], [1.0], tuple(away + [0.1, 1.0, 0.0]))
+        simulation.advance(0.1)
+        energies = simulation.energies()
+        energies["gravity"] -= 9.81 * 0.1 * away[1]
+        found.append((simulation.x - away, list(energies.values()), simulation.held.force))
+        simulation.restore(simulation.snapshot())
+        assert np.array_equal(simulation.x - away, found[-1][0])
+    for near, far in zip(*found, strict=True):
+        assert np.allclose(near, far, rtol=1e-4, atol=1e-5)

@@ -117,7 +117,9 @@ class PenaltyContact(ParticleForce):
         return sorted(colliders, key=lambda c: kinds.index(c.signed_distance))
 
     def _rows(self, start, end):
-        return np.concatenate([c.moved_rows(start, end) for c in self.colliders])
+        rows = np.concatenate([c.moved_rows(start, end) for c in self.colliders])
+        rows[:, :3] -= self.particles.origin
+        return rows
 
     def begin_frame(self, start, end):
         if self.moving:

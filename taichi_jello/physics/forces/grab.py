@@ -70,7 +70,7 @@ class Hand(ParticleForce):
         self.damping = 2.0 * float(np.sqrt(self.stiffness * self.least_mass))
         self.limit = grab.limit or max(REACH * typical * size, LIFT * weight)
         self.number, self.calm, self.mass = particles.memory.number, grab.calm, particles.mass
-        self.jello = body.jello
+        self.jello, self.origin = body.jello, particles.origin
         self.several = bool(body.jello.any())
         if self.several:
             self.jello_of = particles.memory.table(self.title, "jello", body.jello)
@@ -120,7 +120,7 @@ class Hand(ParticleForce):
             self.held.from_numpy(np.pad(np.append(np.int32(len(self.particles)), self.particles), (0, spare)))
             self.weights_held.from_numpy(np.pad(self.weights, (0, spare)).astype(self.number))
             calmed = (self.calm, self.jello[self.particles[0]], 0.0) if self.holds else (0.0, -1.0, 0.0)
-            rows = np.stack([self._from, (self._to - self._from) / (end - start), calmed])
+            rows = np.stack([self._from - self.origin, (self._to - self._from) / (end - start), calmed])
             self.hand.from_numpy(rows.astype(self.number))
             self._changed = False
 
