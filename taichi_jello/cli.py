@@ -142,9 +142,7 @@ def do_run(chosen: argparse.Namespace) -> None:
     )
     if chosen.ledger:
         work = ", ".join(f"{name} {joules:.4g}" for name, joules in simulation.work.items())
-        lost = ", ".join(simulation.system.ledger.unbooked)
-        lost = f", with what {lost} loses" if lost else ""
-        say(chosen, f"work [J] {work or 'none'}; residual {simulation.energy_residual:.3g}{lost}")
+        say(chosen, f"work [J] {work or 'none'}; residual {simulation.energy_residual:.3g}")
     if plot_path:
         with plotting(plot_path):
             energy_plot.draw(trajectory.arrays(), scene.title or chosen.scene, plot_path)

@@ -32,13 +32,12 @@ class Ledger:
     A force has the accounts `works` and their `powers`; one that has none, stores no energy and is asked one by one
     has the account of its title and the power F · v. Where there are handles they have one too: a held particle that
     moves at v does so against all forces on it, with the power -F · v (what other jellos press on it is left out).
-    What the forces `unbooked` lose stays in the residual.
+    Where jellos touch, what is stored jumps when a point comes to leave by another face: that stays in the residual.
     """
 
     def __init__(self, forces: tuple[ParticleForce, ...], memory: Memory, handles: bool = False):
         self.own = tuple(force for force in forces if force.works)
         self.plain = tuple(f for f in forces if not f.works and f.energy_kind is None and not f.in_passes)
-        self.unbooked = [f.title for f in forces if f.energy_kind and f.reads_velocity and not f.works]
         self.names = [name for force in self.own for name in force.works] + [force.title for force in self.plain]
         self.handles, self.alone = handles, tuple(force for force in forces if not force.prepares)
         self.impacts = len(self.names)  # the column of what is lost where particles meet the cores of solids

@@ -22,6 +22,7 @@ class Touch(ParticleForce):
     energy_kind = "contact"
     reads_velocity = True
     prepares = looks = watches = has_curvature = mutual = True
+    works = ("touch dashpots", "touch friction")
 
     def __init__(self, scene, particles, itself):
         body, memory = particles.body, particles.memory
@@ -171,6 +172,35 @@ class Touch(ParticleForce):
         else:
             if self.contacts.point_of[i] >= 0:
                 total = self.stored(self.contacts.point_of[i], x)
+        return total
+
+    @ti.func
+    def lost(self, q, x, v):
+        """The power [W] of dashpots and of friction in the contacts of a point, as in `press`: (p - kδ)s and rub · w
+        for a pressure p and speeds s apart and w across."""
+        total, law = ti.Vector([0.0, 0.0]), self.law[0]
+        for contact in range(q * AT_ONCE, q * AT_ONCE + self.contacts.own[q]):
+            n, depth = self.contacts.normal[contact], self.contacts.depth(contact, x)
+            if depth > 0.0:
+                counts, slide = self.contacts.part(q) * self.contacts.share[contact], self.contacts.between(contact, v)
+                outwards = slide.dot(n)
+                pressed = pressure(depth, outwards, counts * law[0], counts * law[1])
+                total[0] += (pressed - counts * law[0] * depth) * outwards
+                if ti.static(self.rubs):
+                    across = slide - outwards * n
+                    total[1] += rub(pressed, across, law[2], counts * law[3]).dot(across)
+        return total
+
+    @ti.func
+    def powers(self, i, x, v, t):
+        """A particle's part in what the points that it belongs to lose."""
+        total = ti.Vector([0.0, 0.0])
+        if ti.static(self.near.skinned):
+            for k in range(self.first[i], self.first[i + 1]):
+                total += self.in_it[k] * self.lost(self.around[k], x, v)
+        else:
+            if self.contacts.point_of[i] >= 0:
+                total = self.lost(self.contacts.point_of[i], x, v)
         return total
 
     def refresh(self, x, v, positions, dt):
