@@ -224,10 +224,12 @@ def plot(told: dict[str, Any], path: Path) -> None:
         draw(right, [row["zeta"] or zero for row in own], own, [row["omega"] for row in own], color, method)
     free = [row for row in told["rows"] if row["found"] == "none"]
     if free:
-        names = "no limit found up to there:\n" + "\n".join(dict.fromkeys(row["method"] for row in free))
+        names = "\n".join(dict.fromkeys(row["method"] for row in free))
+        told_so = f"triangles: no limit found up to there\n{names}"
+        left.text(0.98, 0.97, told_so, transform=left.transAxes, ha="right", va="top", fontsize=8, color="0.4")
         look = {"color": "0.4", "ms": 5, "mfc": "none"}
         at_one = [row for row in free if row["zeta"] == shown]
-        left.loglog([r["stiffness"] for r in at_one], [r["measured"] for r in at_one], "^", **look, label=names)
+        left.loglog([r["stiffness"] for r in at_one], [r["measured"] for r in at_one], "^", **look)
         right.loglog([r["zeta"] or zero for r in free], [r["measured"] * r["omega"] for r in free], "^", **look)
     left.axhline(1.0 / 60.0, color="0.5", lw=1)
     left.text(0.99, 1.0 / 60.0, "one step a frame", transform=left.get_yaxis_transform(), ha="right", va="bottom",
