@@ -6,7 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from taichi_jello.keyframes import Move
+from taichi_jello.physics.colliders.block import Block
 from taichi_jello.physics.colliders.plane import Plane
+from taichi_jello.physics.colliders.sphere import Sphere
+from taichi_jello.region import Region
 from taichi_jello.scene import Scene
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Simulation
@@ -27,7 +31,8 @@ def shape_error(body: Any, x: np.ndarray) -> float:
 @dataclass(frozen=True)
 class Extreme:
     """A scene, the state it begins in as a function of the points (N, 3), its length [s], and what it must show in the
-    end: a function of the simulation that returns what is wrong, or nothing."""
+    end: a function of the simulation that returns what is wrong, or nothing. driven: something does work on it, which
+    a ledger books."""
 
     name: str
     box: dict[str, Any]
@@ -35,10 +40,11 @@ class Extreme:
     scene: dict[str, Any] = field(default_factory=lambda: {"gravity": STILL})
     seconds: float = 0.5
     demand: Callable[[Simulation, np.ndarray], str] = lambda simulation, start: ""
+    driven: bool = False
 
     def simulation(self, **options: Any) -> Simulation:
         box: dict[str, Any] = {"points": (4, 4, 4), "mass": 0.125, "damping": 0.25} | self.box
-        return Simulation(Scene(jello=[Box(**box)], **self.scene), **options)
+        return Simulation(Scene(jello=[Box(**box)], **self.scene), ledger=self.driven, **options)
 
 
 def recovered(simulation: Simulation, start: np.ndarray) -> str:
@@ -72,6 +78,34 @@ def undisturbed(simulation: Simulation, start: np.ndarray) -> str:
     return "" if error < 1e-5 else f"shape off by {error:.1e}: --precision f64"
 
 
+def not_through(simulation: Simulation, start: np.ndarray) -> str:
+    """Outside of all solids' cores, and the middle of all on its own side."""
+    wrong = ""
+    for solid in simulation.scene.collider:
+        away = np.abs(simulation.x - solid.place(simulation.time))
+        reach = np.array(solid.size) / 2.0 if isinstance(solid, Block) else np.full(3, solid.thickness / 2.0)
+        inside = np.linalg.norm(away, axis=1) < reach[0] / 2.0
+        if isinstance(solid, Block):
+            inside = np.all(away < reach - reach.min() / 2.0, axis=1)
+        if inside.any() or simulation.x[:, 1].mean() < solid.place(0.0)[1]:
+            wrong = f"{inside.sum()} points in a core, the middle at y = {simulation.x[:, 1].mean():.2g} m"
+    return wrong
+
+
+def symmetric(simulation: Simulation, start: np.ndarray) -> str:
+    """As it was above and below its middle, and with no more energy than was put in. XPBD takes one spring after the
+    other and is symmetric to its own error only, 1 % of the edge here."""
+    n = len(start) // 2
+    order = np.lexsort((start[:, 2], start[:, 0], np.sign(start[:, 1]), np.abs(start[:, 1]).round(6)))
+    pairs = simulation.x[order].reshape(2, 2, n // 2, 3)
+    skew = float(np.abs(pairs[:, 0] - pairs[:, 1] * [1.0, -1.0, 1.0]).max())
+    gained = sum(simulation.energies().values())  # there was none at the start
+    if skew > (0.02 if simulation.method == "xpbd" else 1e-3):
+        return f"not symmetric: by {skew:.1e} m"
+    over = gained - simulation.work["moving colliders"]
+    return "" if over <= 0.0 else f"{over:.2g} J more than the work done"
+
+
 def random(x: np.ndarray) -> np.ndarray:
     return np.random.default_rng(5).uniform(-0.5, 0.5, x.shape)
 
@@ -86,7 +120,17 @@ def falling(speed: float) -> dict[str, Any]:
     return {"position": (0.0, 0.6, 0.0), "velocity": (0.0, -speed, 0.0)}
 
 
+def closing(side: float) -> Plane:
+    """A plane that comes from above (1) or below (-1) to 0.32 m from the middle and goes back."""
+    way = [Move(time=t, offset=(0.0, -side * far, 0.0)) for t, far in ((0.0, 0.0), (0.2, 0.2), (0.3, 0.2), (0.4, 0.0))]
+    return Plane(point=(0.0, 0.52 * side, 0.0), normal=(0.0, -side, 0.0), keyframe=way)
+
+
 GROUND = {"collider": [Plane()]}
+SLAB = {"collider": [Block(center=(0.0, 0.0, 0.0), size=(4.0, 0.05, 4.0))], "gravity": STILL}
+BALL = {"collider": [Sphere(center=(0.0, 0.0, 0.0), radius=0.03)], "gravity": STILL}
+PRESS = {"collider": [closing(1.0), closing(-1.0)], "gravity": STILL}
+MIXED = {"stiffness": 1.0, "region": [Region(max=(1.0, 0.5, 1.0), stiffness_factor=1e6)]}
 CASES = (
     Extreme("all points on one point", {}, lambda x: 0.0 * x),
     Extreme("flat", {}, lambda x: x * [1.0, 0.0, 1.0]),
@@ -97,9 +141,28 @@ CASES = (
     Extreme("twisted by 360°", {}, twisted),
     Extreme("k = 1e-6 N/m", {"stiffness": 1e-6, "damping": 0.0, **falling(0.0)}, scene=GROUND),
     Extreme("k = 1e8 N/m", {"stiffness": 1e8, **falling(5.0)}, scene=GROUND, seconds=0.25, demand=above),
+    Extreme("k = 1e6 N/m", {"stiffness": 1e6, **falling(5.0)}, scene=GROUND, seconds=0.25, demand=above),
+    Extreme("k from 1 to 1e6 N/m", {**MIXED, **falling(5.0)}, scene=GROUND, seconds=0.25),
     Extreme("melted, k = 0", {"stiffness": 0.0, "damping": 0.0}, scene={}, demand=fallen),
     Extreme("hits the ground at 100 m/s", falling(100.0), scene=GROUND, demand=above),
     Extreme("hits the ground at 1000 m/s", falling(1000.0), scene=GROUND, demand=above),
+    Extreme("hits a slab of 5 cm at 100 m/s", falling(100.0), scene=SLAB, demand=not_through),
+    Extreme("hits a slab of 5 cm at 1000 m/s", falling(1000.0), scene=SLAB, demand=not_through),
+    Extreme(
+        "stiff, hits a slab at 1000 m/s",
+        {"stiffness": 1e6, **falling(1000.0)},
+        scene=SLAB,
+        seconds=0.1,
+        demand=not_through,
+    ),
+    Extreme(
+        "one point hits a ball at 1000 m/s",
+        {"points": (1, 1, 1), **falling(1000.0)},
+        scene=BALL,
+        seconds=0.1,
+        demand=not_through,
+    ),
+    Extreme("crushed between two planes", {}, scene=PRESS, demand=symmetric, driven=True),
     Extreme("one point", {"points": (1, 1, 1), **falling(1.0)}, scene=GROUND, demand=above),
     Extreme("a row of points", {"points": (1, 6, 1), **falling(1.0)}, scene=GROUND),
     Extreme("a sheet of points", {"points": (5, 1, 5), **falling(1.0)}, scene=GROUND, demand=above),
