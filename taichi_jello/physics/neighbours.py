@@ -1,8 +1,9 @@
 """Which points are near which elements: a uniform grid on the deformed bodies, searched again when they have moved.
 
 A list made with a margin stays right until something has moved by half of it, as in molecular dynamics (Verlet 1967).
-Here every jello has a margin of its own, about as wide as it goes in a frame. A list may hold too much: what it holds
-beyond the points that touch adds nothing, so no number depends on when a list was made.
+Here every particle has a margin of its own: how far its jello goes in a frame, within bounds, or itself in some steps.
+A list may hold too much: what it holds beyond the points that touch adds nothing, so no number depends on when it was
+made.
 """
 
 import numpy as np
@@ -15,7 +16,7 @@ from taichi_jello.physics.touching import Touching
 ROOM = 40  # places in the list for each point
 SPARE = 0.8  # of a margin after which the lists are made again; the rest covers the step that follows
 OWN = 2.5  # distances between the points within which a jello does not touch itself: there its springs hold
-LEAST, MOST = 0.2, 1.0  # a margin's usual size, in distances between the points
+LEAST, MOST = 0.4, 0.6  # a margin's usual size, in distances between the points
 WIDTH = 2.5  # of the grid's cells, in distances between the points
 # The axes along which it is asked which jellos are near each other: of a cube, and through its corners.
 AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1))
@@ -51,8 +52,9 @@ class Neighbours:
         self.jello, self.radius = table("jello", body.jello), table("radius", touching.radius)
         self.owner = table("jello of each element", body.jello[touching.nodes[:, 0]])
         self.is_found, self.meets_any = zeros("elements near points", self.elements), zeros("meets any", self.jellos)
-        self.margin = memory.zeros(title, "margins", (self.jellos,))
-        self.reach = memory.zeros(title, "reach", (self.jellos,))
+        self.body_jello, self.number_of = body.jello, np.bincount(body.jello)
+        self.margin = memory.zeros(title, "margins", (memory.particles,))
+        self.item_reach = memory.zeros(title, "their reach", (self.count,))
         self.ref = memory.vectors(title, "x at the last search")
         self.state = zeros("stale, pairs", 2)
         self.pairs, self.found, self.start = (
@@ -60,7 +62,7 @@ class Neighbours:
             zeros("found", self.room),
             zeros("start", self.count + 1),
         )
-        self.bin_start, self.cursor = zeros("bins", self.bins + 1), zeros("cursor", max(self.count, self.bins))
+        self.bin_start, self.cursor = zeros("bins", self.bins + 2), zeros("cursor", max(self.count, self.bins + 1))
         self.bin_of, self.items = zeros("bin of each point", self.count), zeros("points by bin", self.count)
         self.item_jello, self.item_x = (
             zeros("their jellos", self.count),
@@ -78,36 +80,34 @@ class Neighbours:
         """Search again, for particles at x that move at v, (N, 3) each, as `positions` has them too."""
         x0, x1, x2 = np.ascontiguousarray(x.T)
         along = np.stack([x0, x1, x2, x0 + x1 + x2, x0 + x1 - x2, x0 - x1 + x2, x1 + x2 - x0])  # AXES · x
-        low, high = (np.ascontiguousarray(f.reduceat(along, self.first, axis=1).T) for f in (np.minimum, np.maximum))
-        speed = np.sqrt(np.maximum.reduceat((np.ascontiguousarray(v.T) ** 2).sum(0), self.first).astype(float))
-        if not (np.isfinite(low).all() and np.isfinite(high).all() and np.isfinite(speed).all()):
+        speed = np.sqrt((np.ascontiguousarray(v.T) ** 2).sum(0))
+        if not (np.isfinite(along).all() and np.isfinite(speed).all()):
             self._forget()  # the numbers went bad; whoever looks at them says so
             return
-        spacing, least = self.touching.spacing, 4.0 * dt * speed
-        margin = np.maximum(max(1.5 * frame_dt, 4.0 * dt) * speed, LEAST * spacing)
-        meet = self._meet(low, high, margin)
-        if meet.any():
-            margin = np.maximum(np.minimum(margin, MOST * spacing), least)
-            meet = self._meet(low, high, margin)
-        while self._search_within(positions, low, high, meet, margin) > self.room and np.any(margin > least):
-            margin = np.maximum(0.5 * margin, least)
+        spacing = self.touching.spacing
+        usual = np.sqrt(np.add.reduceat(speed**2, self.first) / self.number_of)  # [m/s] of each jello
+        most = np.clip(1.5 * frame_dt * usual, LEAST * spacing, MOST * spacing)
+        steps = np.where(speed > 2.0 * usual[self.body_jello], 8.0, 3.0)  # few are quicker than that
+        while True:
+            margin = np.maximum(most[self.body_jello], steps * dt * speed)
+            widest = float((np.maximum(most, 6.0 * dt * usual) + self.touching.radius).max())
+            if self._search_within(positions, along, margin, widest) <= self.room or most.max() < 0.01 * spacing.min():
+                break
+            most = 0.5 * most
         self.fresh = True
 
-    def _search_within(self, positions: ti.MatrixField, low: np.ndarray, high: np.ndarray, meet: np.ndarray,
-                       margin: np.ndarray) -> int:  # fmt: skip
-        width = float(WIDTH * np.mean(self.touching.spacing))
-        widest = float((margin + self.touching.radius).max())
-        reach = (margin + self.touching.radius)[:, None] * LENGTHS
-        hulls = np.hstack([low - reach, high + reach]).astype(self.number)
+    def _search_within(self, positions: ti.MatrixField, along: np.ndarray, margin: np.ndarray,
+                       widest: float) -> int:  # fmt: skip
+        reach = margin + self.touching.radius[self.body_jello]
+        grown = (LENGTHS[:, None] * reach).astype(self.number)
+        low = np.minimum.reduceat(along - grown, self.first, axis=1).T
+        high = np.maximum.reduceat(along + grown, self.first, axis=1).T
+        meet = np.all((low[:, None] <= high[None]) & (low[None] <= high[:, None]), -1) & self.meets
         start = np.append(0, np.cumsum(meet.sum(1))).astype(np.int32)
         others = np.append(np.nonzero(meet)[1], 0).astype(np.int32)  # never empty
+        width = float(WIDTH * np.mean(self.touching.spacing))
+        hulls = np.hstack([low, high])
         return self._search(positions, hulls, start, others, margin.astype(self.number), width, widest)
-
-    def _meet(self, low: np.ndarray, high: np.ndarray, margin: np.ndarray) -> np.ndarray:
-        """(J, J) whether two jellos may come to touch, by how far each reaches along every axis, (J, A) both."""
-        reach = margin + self.touching.radius
-        reach = (reach[:, None] + reach[None])[..., None] * LENGTHS
-        return np.all((low[:, None] <= high[None] + reach) & (low[None] <= high[:, None] + reach), -1) & self.meets
 
     @ti.func
     def at(self, q, x):
@@ -119,6 +119,16 @@ class Neighbours:
                 for k in range(8):
                     p += self.weights[q - self.bare][k] * x[self.corners[q - self.bare][k]]
         return p
+
+    @ti.func
+    def reach_of(self, q):
+        """How far from itself point q may touch before the lists are made again."""
+        reach = self.margin[self.points[q]]
+        if ti.static(self.skinned):  # noqa: SIM102
+            if q >= self.bare:
+                for k in range(8):
+                    reach = ti.max(reach, self.margin[self.corners[q - self.bare][k]])
+        return reach + self.radius[self.jello[self.points[q]]]
 
     @ti.func
     def bin_at(self, cell):
@@ -144,7 +154,7 @@ class Neighbours:
             for place in range(self.bin_start[first], self.bin_start[last]):
                 b = self.item_jello[place]
                 if (a != b and self.others) or (a == b and self.with_self):
-                    p, reach = self.item_x[place], self.reach[b]
+                    p, reach = self.item_x[place], self.item_reach[place]
                     if (p > low - reach).all() and (p < high + reach).all():  # noqa: SIM102
                         if width == 0.0 or (ti.floor(p / width, ti.i32)[:2] == row).all():
                             self.note(self.items[place], e, a == b)
@@ -178,24 +188,25 @@ class Neighbours:
         self.state[0], self.state[1] = 0, 0
         ti.loop_config(serialize=self.serial)
         for j in range(self.jellos):
-            self.margin[j], self.reach[j] = margins[j], margins[j] + self.radius[j]
             self.meets_any[j] = met[j] < met[j + 1]
         ti.loop_config(serialize=self.serial)
-        for h in range(self.bins + 1):
+        for h in range(self.bins + 2):
             self.bin_start[h] = 0
         ti.loop_config(serialize=self.serial)
         for i in range(self.particles):
-            self.ref[i] = x[i]
+            self.ref[i], self.margin[i] = x[i], margins[i]
         ti.loop_config(serialize=self.serial)
         for q in range(self.count):
             self.start[q + 1] = 0
             p, j = self.at(q, x), self.jello[self.points[q]]
             self.bin_of[q] = -1
-            if self.in_reach(p, p, j, hulls, met, others):
+            if self.in_reach(p, p, j, self.reach_of(q), hulls, met, others):
                 self.bin_of[q] = self.bin_at(ti.floor(p / width, ti.i32))
+                if self.reach_of(q) > widest:
+                    self.bin_of[q] = self.bins  # the last one, for those that reach far
                 ti.atomic_add(self.bin_start[self.bin_of[q] + 1], 1)
         ti.loop_config(serialize=True)
-        for h in range(self.bins):
+        for h in range(self.bins + 1):
             self.cursor[h] = self.bin_start[h]
             self.bin_start[h + 1] = self.bin_start[h + 1] + self.bin_start[h]
         ti.loop_config(serialize=self.serial)
@@ -203,14 +214,17 @@ class Neighbours:
             if self.bin_of[q] >= 0:
                 place = ti.atomic_add(self.cursor[self.bin_of[q]], 1)
                 self.items[place], self.item_jello[place] = q, self.jello[self.points[q]]
-                self.item_x[place] = self.at(q, x)
+                self.item_x[place], self.item_reach[place] = self.at(q, x), self.reach_of(q)
         ti.loop_config(serialize=self.serial, block_dim=64)
         for e in range(self.elements):
             self.is_found[e] = 0
             low, high = self.box(e, x)
-            j = self.owner[e]
-            if self.in_reach(low, high, j, hulls, met, others):
-                self._look(e, low - self.reach[j], high + self.reach[j], width, widest)
+            j, reach = self.owner[e], ti.cast(0.0, float)
+            for k in ti.static(range(8)):
+                reach = ti.max(reach, self.margin[self.nodes[e][k]])
+            reach += self.radius[j]
+            if self.in_reach(low, high, j, reach, hulls, met, others):
+                self._look(e, low - reach, high + reach, width, widest)
         ti.loop_config(serialize=True)
         for q in range(self.count):
             self.cursor[q] = self.start[q]
@@ -229,8 +243,8 @@ class Neighbours:
         return self.state[1]
 
     @ti.func
-    def in_reach(self, low, high, j, hulls: ti.template(), met: ti.template(), others: ti.template()):
-        """Whether something of jello j in the box from `low` to `high` may come to touch another one."""
+    def in_reach(self, low, high, j, reach, hulls: ti.template(), met: ti.template(), others: ti.template()):
+        """Whether something of jello j in the box from `low` to `high`, that far around, may touch another one."""
         middle, half, inside = 0.5 * (low + high), 0.5 * (high - low), False
         for k in range(met[j], met[j + 1]):
             if not inside:
@@ -238,17 +252,18 @@ class Neighbours:
                 for axis in ti.static(range(AXIS_COUNT)):
                     if within:
                         u = ti.Vector(ti.static([float(a) for a in AXES[axis]]))
-                        at, reach = u.dot(middle), abs(u).dot(half) + ti.static(float(LENGTHS[axis])) * self.reach[j]
-                        within = at + reach >= hulls[b, axis] and at - reach <= hulls[b, axis + AXIS_COUNT]
+                        at, far = u.dot(middle), abs(u).dot(half) + ti.static(float(LENGTHS[axis])) * reach
+                        within = at + far >= hulls[b, axis] and at - far <= hulls[b, axis + AXIS_COUNT]
                 inside = within
         return inside
 
     @ti.func
     def _look(self, e, low, high, width, widest):
-        """Note the points in the bins of the cells that the box from `low` to `high` meets, grown by the widest
-        margin of a point; or all points, if those are fewer than the rows of cells."""
+        """Note the points in the bins of the cells that the box from `low` to `high` meets, grown by the widest reach
+        of a point, and those that reach farther; or all points, if they are fewer than the rows of cells."""
         first, last = ti.floor((low - widest) / width, ti.i32), ti.floor((high + widest) / width, ti.i32)
         n = last - first + 1
+        self.note_all(self.bins, self.bins + 1, e, low, high, ti.Vector([0, 0]), 0.0)
         if float(n[0]) * n[1] > self.count or n[2] > self.bins:
             self.note_all(0, self.bins, e, low, high, ti.Vector([0, 0]), 0.0)
         else:
@@ -263,5 +278,5 @@ class Neighbours:
     def watch(self, first, last, x, v, dt):
         """Mark the lists as stale if one of the particles first … last - 1 may leave its margin in the next step."""
         for i in range(first, last):
-            if (x[i] - self.ref[i]).norm() + 2.0 * dt * v[i].norm() > SPARE * self.margin[self.jello[i]]:
+            if (x[i] - self.ref[i]).norm() + dt * v[i].norm() > SPARE * self.margin[i]:
                 self.state[0] = 1

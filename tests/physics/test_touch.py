@@ -83,7 +83,7 @@ def test_the_list_holds_every_point_near_an_element(crash):
     owner = jello[near.touching.nodes[:, 0]]
     some = 0
     for q, i in enumerate(near.touching.points):
-        reach = 0.999 * (margin[jello[i]] + margin[owner])
+        reach = 0.999 * (margin[i] + margin[near.touching.nodes].min(1))
         inside = np.linalg.norm(within - x[i], axis=2).min(1) < reach
         listed = found[start[q] : start[q + 1]]
         assert np.all(np.diff(listed) > 0)
