@@ -17,7 +17,7 @@ def scene() -> Scene:
                 rotation=(37.0 * k % 90.0, 53.0 * k % 90.0, 71.0 * k % 90.0),
                 velocity=(0.0, -1.0, 0.0),
                 mass=0.064,
-                stiffness=2.5,
+                stiffness=4.0,
                 damping=0.003,
             )
         )
@@ -26,7 +26,7 @@ def scene() -> Scene:
         seconds=5.0,
         jello=jello,
         collider=[Room(min=(-0.75, 0.0, -0.75), max=(0.75, 6.0, 0.75))],
-        contact=Contact(stiffness=12.0, damping=0.02, friction=0.2),
+        contact=Contact(stiffness=18.0, damping=0.018, friction=0.2),
         solver=Solver(method="rk4"),
         camera=Camera(eye=(1.9, 2.3, 3.6), target=(0.0, 0.7, 0.0), color="strain"),
     )
