@@ -97,11 +97,21 @@ class Bound:
     dt: float
 
 
+def loaded(rate: float, burdens: list) -> float:
+    """What a bound K ≤ rate·M₀ becomes with burdens, each a k on particles of mass m to which it adds a mass M:
+    (K + k)/(M₀ + M) is at most the larger of K/M₀ and k/M, and also at most K/M₀ + k/(m + M)."""
+    for k, b in burdens:
+        apart = k / b.mass if b.mass > 0.0 else np.inf
+        rate = min(rate + k / (b.least + b.mass), max(rate, apart))
+    return rate
+
+
 def largest_dt(amplification: Amplification, safety: float, rates: list, drag: float) -> Bound:
     """The step below which every motion that the rates allow stays bounded: all frequencies ω up to √Λ, each with
     any damping from damping_time·ω² + drag up to Γ."""
-    squared = sum(r.squared_frequency for r in rates)
-    damping = sum(r.damping for r in rates)
+    burdens = [r.burden for r in rates if r.burden]
+    squared = loaded(sum(r.squared_frequency for r in rates), [(b.k, b) for b in burdens])
+    damping = loaded(sum(r.damping for r in rates), [(b.c, b) for b in burdens])
     damping_time = min((r.damping_time for r in rates), default=np.inf)
     dt = np.inf
     if squared == 0.0 and damping > 0.0:

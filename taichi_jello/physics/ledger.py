@@ -59,6 +59,9 @@ class Ledger:
                 for c in ti.static(range(len(self.own[f].works))):
                     column = ti.static(self.starts[f] + c)
                     self.work[i][column] = self.work[i][column] + weight * powers[c]
+                if ti.static(self.own[f].burdens):  # what moves its own mass moves no jello
+                    own, column = 0.5 * self.own[f].added_mass(i) * v[i].dot(v[i]), ti.static(self.starts[f])
+                    self.work[i][column] = self.work[i][column] + ti.select(k == 0, own, ti.select(k == n, -own, 0.0))
             for f in ti.static(range(len(self.plain))):
                 column = ti.static(self.starts[-1] + f)
                 force = self.plain[f].on(i, x, v, t)
@@ -68,6 +71,8 @@ class Ledger:
                     against = ti.Vector([0.0, 0.0, 0.0])
                     for force in ti.static(self.alone):
                         against += force.on(i, x, v, t)
+                        if ti.static(force.burdens):
+                            against += force.on_held(i, x, v, t)
                     column = ti.static(self.columns - 1)
                     self.work[i][column] = self.work[i][column] - weight * against.dot(v[i])
         system.wait_for_team()  # until nobody needs x and v any more

@@ -66,6 +66,7 @@ class System:
         self.prepared = tuple(force for force in self.all_forces if force.prepares)
         self.looking = tuple(force for force in self.all_forces if force.looks)
         self.rounds = max((force.rounds for force in self.looking), default=0)
+        self.burdens = tuple(force for force in self.all_forces if force.burdens)
         self.watched = tuple(force for force in self.all_forces if force.watches)
         self.sweeps = tuple(force.sweep for force in self.all_forces if force.sweep)
         self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
@@ -150,6 +151,8 @@ class System:
                 for force in ti.static(self.one_by_one):
                     total += force.on(i, x, v, t)
                 a[i] = total * self.particles.inverse_mass(i)
+        for force in ti.static(self.burdens):
+            force.load(first, last, x, v, t, a)
         self.wait_for_team()  # until nobody needs x and v any more
 
     @ti.func
@@ -175,6 +178,14 @@ class System:
         """At the beginning of a step."""
         if ti.static(not self.integrator.solves):
             self.look(first, last, self.state.x, self.state.v, self.integrator.looks_at * dt)
+
+    @ti.func
+    def inertia(self, i):
+        """The mass [kg] that the forces on particle i move."""
+        m = self.particles.mass(i)
+        for force in ti.static(self.burdens):
+            m += force.added_mass(i)
+        return m
 
     @ti.func
     def share_of(self, particle, points):
@@ -387,6 +398,8 @@ class System:
 
     @ti.kernel
     def _write(self, values: ti.types.ndarray()):
+        if ti.static(self.team == 1):
+            ti.loop_config(serialize=True)
         for i in range(self.count):
             for axis in ti.static(range(3)):
                 self.state.x[i][axis] = values[i, axis]
@@ -399,6 +412,8 @@ class System:
 
     @ti.kernel
     def _read(self, values: ti.types.ndarray()):
+        if ti.static(self.team == 1):
+            ti.loop_config(serialize=True)
         for i in range(self.count):
             for axis in ti.static(range(3)):
                 values[i, axis] = self.state.x[i][axis]

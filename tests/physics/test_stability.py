@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from taichi_jello import Box, Diverged, Scene, SceneError, Simulation, Snapshot
-from taichi_jello.physics.bounds import largest_eigenvalue, stable_limit
+from taichi_jello.physics.bounds import largest_eigenvalue, loaded, stable_limit
+from taichi_jello.physics.forces._base import Burden
 from taichi_jello.physics.integrators import schemes
 from taichi_jello.simulation import StepWarning
 
@@ -39,6 +40,21 @@ def test_limits_are_those_of_the_closed_forms(name, zeta):
         return
     # Growth below 1e-9 a step counts as stable, which lets undamped RK2 pass up to a = (8e-9)^¼.
     assert found == pytest.approx(exact, rel=0.03 if name == "verlet" else 1e-3, abs=0.0096)
+
+
+@pytest.mark.parametrize("added", [0.0, 1e-3, 0.3, 100.0])
+def test_a_spring_that_brings_its_own_mass_is_bounded(added):
+    """The largest eigenvalue of (M₀ + M diag(w))⁻¹(K + k w wᵀ) for weights w of three particles, against NumPy's."""
+    random = np.random.default_rng(3)
+    for k in (0.1, 10.0, 1e4):
+        half = random.normal(size=(12, 12))
+        K, mass, w = half @ half.T, random.uniform(0.5, 2.0, 12), np.zeros(12)
+        w[:3] = random.dirichlet([1.0, 1.0, 1.0])
+        alone = np.linalg.eigvals(K / mass[:, None]).real.max()
+        both = np.linalg.eigvals((K + k * np.outer(w, w)) / (mass + added * w)[:, None]).real.max()
+        bound = loaded(alone, [(k, Burden(k, 0.0, added, mass.min()))])
+        assert both <= bound * (1.0 + 1e-9)
+        assert bound == alone if k <= alone * added else bound > alone
 
 
 def lattice_modes(body):

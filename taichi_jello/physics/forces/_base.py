@@ -10,16 +10,29 @@ from taichi_jello.scene import Scene
 
 
 @dataclass(frozen=True)
+class Burden:
+    """A spring of stiffness k [N/m] and damping c [N·s/m] on particles of at least `least` [kg] each, to which it adds
+    a mass M [kg] that it shares out as its force: see bounds.py for what that does to the step."""
+
+    k: float
+    c: float
+    mass: float
+    least: float
+
+
+@dataclass(frozen=True)
 class Rates:
     """How fast a force can make the particles move, in whatever configuration.
 
     squared_frequency [1/s²] bounds the eigenvalues of M⁻¹K and damping [1/s] those of M⁻¹C from above;
     damping_time [s] bounds C/K from below on all that this force makes swing (infinity if it makes nothing swing).
+    burden: what of the force brings a mass of its own, not counted in the others.
     """
 
     squared_frequency: float = 0.0
     damping: float = 0.0
     damping_time: float = float("inf")
+    burden: Burden | None = None
 
 
 @ti.func
@@ -55,6 +68,10 @@ class ParticleForce:
     one round of looking at the particles at x + ahead v, by the member of the team whose particles are first … last - 1
     (it cuts what else there is by `system.share_of`); all members have done a round before the next one begins.
 
+    With `burdens` it also acts on a few particles that it makes heavier. It defines `@ti.func load(self, first, last,
+    x, v, t, a)`, which changes the accelerations a that all else gives those of them among first … last - 1; and for
+    one particle `@ti.func added_mass(self, i)` [kg] and `@ti.func on_held(self, i, x, v, t)`, its force [N].
+
     For implicit steps of length c [s] it also offers how it stiffens the step, -∂f/∂x - ∂f/∂v / c, made symmetric and
     never negative: with `has_curvature`, `@ti.func curvature(self, i, x, v, t, c)`, the 3×3 block [N/m] of particle i,
     six numbers as `block` gives them, which must bound what ties i to others as well; or, with `couples`, `@ti.func
@@ -83,6 +100,7 @@ class ParticleForce:
     prepares: bool = False
     looks: bool = False
     rounds: int = 0
+    burdens: bool = False
     watches: bool = False
     points: int = 0
     has_curvature: bool = False
@@ -95,6 +113,9 @@ class ParticleForce:
     on: Any
     powers: Any
     look: Any
+    load: Any
+    added_mass: Any
+    on_held: Any
     refresh: Any
     forget: Any
     watch: Any

@@ -47,7 +47,12 @@ class WindForce(ParticleForce):
         return [cls(force, particles) for force in scene.force if isinstance(force, Wind)]
 
     def _rows(self):
-        return np.array([self.velocity, [self.rate if any(self.velocity) else 0.0] * 3])
+        return np.array([self.velocity, [self.blows] * 3])
+
+    @property
+    def blows(self):
+        """The rate [1/s], zero while it is calm."""
+        return self.rate if any(self.velocity) else 0.0
 
     def tuning(self):
         return {"wind": self.velocity}
@@ -65,4 +70,4 @@ class WindForce(ParticleForce):
         return even_block(self.particles.mass(i) * self.air[1][0] / c)
 
     def rates(self):
-        return Rates(damping=self.rate)
+        return Rates(damping=self.blows)

@@ -52,7 +52,7 @@ class Newton:
         """Before the first step with this c [s], and again when a force has been tuned."""
         self.inner_solver.prepare(system, c)
         # A rounding of x changes forces by Λ of it at most, and these move the particle by c² of that, or back.
-        stiffness = sum(rate.squared_frequency for rate in system.rates)
+        stiffness = system.bound.squared_frequency
         self.registers[ACCURACY] = self.accuracy
         self.registers[NOISE] = 16.0 * system.owner.epsilon * min(1.0, c * c * stiffness)
 
@@ -91,9 +91,8 @@ class Newton:
         c = self.registers[C]
         system.accelerations(first, last, self.at.x, self.at.v, self.registers[TIME], self.a)
         for i in range(first, last):
-            m = system.particles.mass(i)
-            r = m * ((self.w[i] - self.at.v[i]) / c + self.a[i])
-            self.r[i] = r * (system.particles.inverse_mass(i) * m)  # none on a pinned particle
+            r = system.inertia(i) * ((self.w[i] - self.at.v[i]) / c + self.a[i])
+            self.r[i] = r * (system.particles.inverse_mass(i) * system.particles.mass(i))  # none on a pinned one
         self.add_up(system, first, last, self.d, self.r, True)
         for _ in range(1):
             if first == 0 and last > 0:
@@ -138,7 +137,7 @@ class Newton:
     def own_curvature(self, system, i):
         """The 3×3 block of H that ties particle i to nothing else: its mass, contact, drag, the hand."""
         c = self.registers[C]
-        B = even_block(system.particles.mass(i) / (c * c))
+        B = even_block(system.inertia(i) / (c * c))
         for force in ti.static(system.all_forces):
             if ti.static(force.has_curvature):
                 B += force.curvature(i, self.at.x, self.at.v, self.registers[TIME], c)
