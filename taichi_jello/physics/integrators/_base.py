@@ -35,6 +35,7 @@ class Integrator:
     has_begin: bool = False
     solves: bool = False
     long_steps: bool = False  # they may be longer than what swings takes
+    loads: bool = True  # what forces hold is heavier by the mass that they add
     automatic: ClassVar[str] = ""
     solver: Any
     prepare: Any

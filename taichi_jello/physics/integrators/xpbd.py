@@ -54,7 +54,7 @@ class XPBD(Integrator):
     """
 
     name, order = "xpbd", 1
-    safety, passes, long_steps = 1.0, 1, True
+    safety, passes, long_steps, loads = 1.0, 1, True, False
     automatic = f"1/√Λ, but no more than {MOST} steps a frame"
 
     def __init__(self, memory, state, damped, body):
@@ -176,7 +176,7 @@ class XPBD(Integrator):
             b = ti.Vector([m, m, m, 0.0, 0.0, 0.0]) / (dt * dt)
             for force in ti.static(self.holding):
                 r += force.on(i, self.ahead, self.state.v, t)
-                if ti.static(force.burdens):  # without the mass that it adds: the springs were not slowed by it
+                if ti.static(force.burdens):
                     r += force.on_held(i, self.ahead, self.state.v, t)
                 b += force.curvature(i, self.ahead, self.state.v, t, dt)
             self.change[i] = system.particles.inverse_mass(i) * m / dt * solve_spd(b, r)
