@@ -27,7 +27,10 @@ def pytest_generate_tests(metafunc):
         cases = [(p, name) for p in numbers for name in sorted(known) if p == numbers[-1] or name in of_all]
         metafunc.parametrize(("precision", "scheme"), cases, indirect=["precision"], scope="module")
     elif "precision" in metafunc.fixturenames:
-        metafunc.parametrize("precision", precisions(metafunc.config), indirect=True, scope="module")
+        wanted = precisions(metafunc.config)
+        if metafunc.definition.get_closest_marker("one_precision"):
+            wanted = wanted[-1:]
+        metafunc.parametrize("precision", wanted, indirect=True, scope="module")
 
 
 @pytest.fixture(scope="module")

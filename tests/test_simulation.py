@@ -31,6 +31,7 @@ def taichi(precision):
     return precision
 
 
+@pytest.mark.one_precision
 @pytest.mark.parametrize("method", sorted(schemes()))
 def test_a_run_cut_in_two_gives_the_same_bits(method):
     """Cut within a frame and at a frame's end, with a moving collider, and restored into a new simulation."""
