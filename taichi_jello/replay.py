@@ -18,7 +18,7 @@ from taichi_jello.scene import Camera, Scene
 from taichi_jello.simulation import Simulation, Snapshot
 from taichi_jello.words import counted
 
-FORMAT = 1
+FORMAT = 2
 BUDGET = 200e6  # bytes of moments that a replay keeps to go back to
 BEAT = 60  # frames after which the file says how long the play is so far
 # What of a Simulation changes how it goes on. A test looks that every public method is either here or changes nothing.

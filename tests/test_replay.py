@@ -191,8 +191,8 @@ def test_files_that_are_no_play_of_this_scene(tmp_path):
     for text, words in (
         ("", "expected a recorded play"),
         ("[1, 2]\n", "expected a recorded play"),
-        ('{"jello_play": 99}\n', "expected format 1, got 99"),
-        ('{"jello_play": 1}\n{"frame": 0, "call": "explode"}\n', "line 2: expected a call"),
+        ('{"jello_play": 99}\n', "expected format 2, got 99"),
+        ('{"jello_play": 2}\n{"frame": 0, "call": "explode"}\n', "line 2: expected a call"),
     ):
         path.write_text(text)
         with pytest.raises(ReplayError, match=words):
@@ -208,7 +208,7 @@ def test_files_that_are_no_play_of_this_scene(tmp_path):
         Replayed(Simulation(SCENE), Replay(tmp_path / "newer.jsonl"))
     with pytest.raises(ReplayError, match="method 'rk4', this is 'verlet'"):
         Replay(path).check(Simulation(SCENE, method="verlet"))
-    assert json.loads(path.read_text().splitlines()[0])["jello_play"] == 1
+    assert json.loads(path.read_text().splitlines()[0])["jello_play"] == 2
 
 
 TOML = """

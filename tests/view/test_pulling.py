@@ -1,10 +1,13 @@
 """A real jello on the mouse: it comes to rest under the cursor, and no motion breaks it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from taichi_jello import Box, Plane, Scene, Simulation, Sphere
+from taichi_jello import Box, Camera, Plane, Scene, Simulation, Sphere
 from taichi_jello.replay import playable
+from taichi_jello.view import play as loop
 from taichi_jello.view.viewer import Viewer
 
 
@@ -92,3 +95,48 @@ def test_no_motion_of_the_mouse_breaks_a_jello(stiffness):
         assert not viewer.paused, viewer.notice
         assert np.isfinite(viewer.simulation.x).all() and np.isfinite(viewer.simulation.v).all()
     assert grabs >= 5 and held > 150
+
+
+class Watched:
+    """In place of the window: each call of `listen` puts the cursor at the next place of a path, each `show` notes
+    where the held point is in the picture that would be drawn then [pixels]."""
+
+    def __init__(self, path):
+        self.path, self.seen = path, []
+
+    def __call__(self, size, title, keep):
+        self.size = size
+        return self
+
+    @property
+    def running(self):
+        return len(self.seen) < len(self.path)
+
+    def listen(self, viewer):
+        viewer.size, at = self.size, tuple(self.path[len(self.seen)])
+        if not self.seen:
+            viewer.press("left", at)
+            assert viewer.hand is not None
+        viewer.move(at)
+
+    def show(self, viewer):
+        self.seen.append(viewer.viewpoint.project(viewer.simulation.held.point[None], viewer.size)[0])
+
+    def close(self):
+        pass
+
+
+def test_the_held_point_is_drawn_where_the_cursor_was_when_the_frame_began(monkeypatch):
+    """Drawn across at 10 pixels a frame, 600 a second, from the first frame on it is near the cursor of that same
+    frame. One frame of delay would be 10 pixels."""
+    still, moving = 20, 20
+    path = np.array([320.0, 180.0]) + np.zeros((still + moving, 1))
+    path[still:, 0] += 10.0 * np.arange(1, moving + 1)
+    watched, clock = Watched(path), iter(np.arange(1000) / 60.0 * (1.0 + 1e-9))
+    monkeypatch.setattr(loop, "Screen", watched)
+    monkeypatch.setattr(loop, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    jello = Box(points=(5, 5, 5), stiffness=50.0, damping=0.05, position=(0.0, 0.5, 0.0))
+    scene = Scene(jello=[jello], camera=Camera(eye=(0.0, 0.5, 4.0), target=(0.0, 0.5, 0.0)))
+    loop.play(Simulation(playable(scene)), size=(640, 360))
+    behind = np.linalg.norm(path - np.array(watched.seen), axis=1)[still:]
+    assert behind.max() < 5.0, behind
