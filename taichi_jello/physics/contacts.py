@@ -17,6 +17,7 @@ SLOTS = 16  # contacts of a point that are listed; if it has more, all contacts 
 UNIT = 1024  # a whole contact in the count of what presses on a point, in which a corner has its share
 TINY = 1e-9  # m
 SAME = 0.5  # the cosine above which a face faces as the point does that would leave by it
+BACK = 1 / 3  # of the distance to the face to leave by: within it a point near an edge goes back over that edge
 LOAD = 2  # whole contacts that press on one point with full stiffness: its own and one that it is a corner of
 
 
@@ -182,7 +183,9 @@ class Contacts:
     def leave(self, e, p, out):
         """How the point p of a surface that faces `out` leaves cell e: by the nearest face, of those by the shortest
         ways through the undeformed body that do not face as the point itself does. (Without this two jellos that
-        overlap by half would crawl round each other, each leaving by the other's sides.)"""
+        overlap by half would crawl round each other, each leaving by the other's sides.) But a point that has just
+        come in over an edge goes back by the face that is much nearer, wherever it faces: by another it would be
+        pressed at once as deep as it is behind the edge, and come back to be thrown out again, for good."""
         a = self.there[self.near.nodes[e][0]]
         same, least = 0, ti.cast(FAR, float)
         for k in range(6):
@@ -191,16 +194,29 @@ class Contacts:
                 same |= 1 << k
             else:
                 least = ti.min(least, self.way[e][k])
-        least += self.spacing[self.near.owner[e]]
+        spacing = self.spacing[self.near.owner[e]]
         best, corners, weights = ti.cast(FAR, float), ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
-        for k in range(6):
-            if (same >> k) & 1 == 0 and self.way[e][k] <= least and least < FAR:
-                group = self.exits[e][k]
-                for t in range(self.exit_start[group], self.exit_start[group + 1]):
-                    best, corners, weights = self.nearer(p, self.triangles[t], best, corners, weights)
+        if least < FAR:
+            best, corners, weights = self.nearest_exit(e, p, 63 ^ same, least + spacing, best)
+        if same != 0 and best < spacing:
+            back, its_corners, its_weights = self.nearest_exit(e, p, same, spacing, BACK * best)
+            if back < BACK * best:
+                best, corners, weights = back, its_corners, its_weights
         if ti.static(self.near.skinned):  # noqa: SIM102
             if self.way[e][0] == 0.0 and self.is_outside(p, corners):
                 best = FAR
+        return best, corners, weights
+
+    @ti.func
+    def nearest_exit(self, e, p, sides, longest, best):
+        """The place nearer to p than `best` by which it leaves cell e on some of its six sides, given as bits, and by
+        ways no longer than `longest`; see nearer."""
+        corners, weights = ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
+        for k in range(6):
+            if (sides >> k) & 1 == 1 and self.way[e][k] <= longest:
+                group = self.exits[e][k]
+                for t in range(self.exit_start[group], self.exit_start[group + 1]):
+                    best, corners, weights = self.nearer(p, self.triangles[t], best, corners, weights)
         return best, corners, weights
 
     @ti.func
