@@ -24,20 +24,20 @@ def carry(
 ):
     """points: the means of the particles x at their `corners` by `weights`; flat: the normals of the triangles `index`,
     as long as twice their area; normals: for each point the sum over its triangles face[start[i]] …, at length 1."""
-    ti.loop_config(block_dim=256)
+    ti.loop_config(block_dim=4096)
     for i in range(points.shape[0]):
         p = vec3(0.0)
         for k in ti.static(range(8)):
             p += weights[i, k] * row(x, corners[i, k])
         for axis in ti.static(range(3)):
             points[i, axis] = p[axis]
-    ti.loop_config(block_dim=256)
+    ti.loop_config(block_dim=4096)
     for t in range(index.shape[0]):
         a = row(points, index[t, 0])
         n = (row(points, index[t, 1]) - a).cross(row(points, index[t, 2]) - a)
         for axis in ti.static(range(3)):
             flat[t, axis] = n[axis]
-    ti.loop_config(block_dim=256)
+    ti.loop_config(block_dim=4096)
     for i in range(points.shape[0]):
         n = vec3(0.0)
         for k in range(start[i], start[i + 1]):
