@@ -1,21 +1,22 @@
-"""All studies that draw, into a folder, and a table into a README: `python -m taichi_jello.studies shots README.md`.
+"""Studies into a folder, and their tables into a README: `python -m taichi_jello.studies shots README.md`.
 
-Each leaves NAME.json and NAME.png. The table stands between the lines `<!-- accuracy -->` and `<!-- end -->`.
+Each leaves NAME.json and, if it draws, NAME.png. A table stands between the lines `<!-- NAME -->` and `<!-- end -->`.
 """
 
 import argparse
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from taichi_jello.cli import main as jello
 from taichi_jello.options import studies
-from taichi_jello.studies._report import FIGURES
+from taichi_jello.studies import speed
 from taichi_jello.studies._verdict import fastest
 from taichi_jello.words import plain
 
-BEGIN, END = "<!-- accuracy -->", "<!-- end -->"
+END = "<!-- end -->"
 GOALS = (1e-2, 1e-3, 1e-4, 1e-5)  # errors of the table's columns
 
 
@@ -33,35 +34,43 @@ def accuracy_table(told: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def put_table(readme: Path, table: str) -> None:
+def speed_table(told: dict[str, Any]) -> str:
+    """The page that `jello study speed` prints, as Markdown."""
+    return f"```\n{speed.text(told)}\n```"
+
+
+TABLES: dict[str, Callable[[dict[str, Any]], str]] = {"accuracy": accuracy_table, "speed": speed_table}
+
+
+def put_table(readme: Path, name: str, table: str) -> None:
     """Replace what stands between the marks. Raises ValueError if they are not there."""
     page = readme.read_text(encoding="utf-8")
-    before, begin, rest = page.partition(BEGIN)
+    before, begin, rest = page.partition(f"<!-- {name} -->")
     _, end, after = rest.partition(END)
     if not begin or not end:
-        raise ValueError(f"{readme}: expected the lines {BEGIN} and {END}")
-    readme.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}", encoding="utf-8")
+        raise ValueError(f"{readme}: expected the lines <!-- {name} --> and {END}")
+    readme.write_text(f"{before}{begin}\n{table}\n{END}{after}", encoding="utf-8")
 
 
 def main(arguments: list[str]) -> int:
-    drawn = [name for name, study in studies().items() if ".png" in getattr(study, "PLOTS", FIGURES)]
-    drawn = [name for name in drawn if hasattr(studies()[name], "plot")]
+    known = studies()
     parser = argparse.ArgumentParser(prog="python -m taichi_jello.studies", description="Studies as JSON and pictures.")
     parser.add_argument("folder", type=Path)
     parser.add_argument("readme", type=Path, nargs="?")
-    parser.add_argument("--only", action="append", choices=drawn, help="one study, may be given again")
+    parser.add_argument("--only", action="append", choices=list(known), help="one study, may be given again")
     parser.add_argument("--method", metavar="NAMES", help="only these, separated by commas")
     parser.add_argument("--quick", action="store_true", help="reduced ladders")
     chosen = parser.parse_args(arguments)
-    for name in chosen.only or drawn:
-        files = ["--json", str(chosen.folder / f"{name}.json"), "--plot", str(chosen.folder / f"{name}.png")]
-        methods = ["--method", chosen.method] if chosen.method else []
-        status = jello(["study", name, *files, *methods, *["--quick"] * chosen.quick])
+    for name in chosen.only or known:
+        options = ["--json", str(chosen.folder / f"{name}.json"), *["--quick"] * chosen.quick]
+        if hasattr(known[name], "plot"):
+            options += ["--plot", str(chosen.folder / f"{name}.png")]
+        status = jello(["study", name, *options, *(["--method", chosen.method] if chosen.method else [])])
         if status:
             return status
-    if chosen.readme:
-        told = json.loads((chosen.folder / "accuracy.json").read_text(encoding="utf-8"))
-        put_table(chosen.readme, accuracy_table(told))
+        if chosen.readme and name in TABLES:
+            told = json.loads((chosen.folder / f"{name}.json").read_text(encoding="utf-8"))
+            put_table(chosen.readme, name, TABLES[name](told))
     return 0
 
 

@@ -34,9 +34,10 @@ def test_one_command_makes_picture_figures_and_table(tmp_path, capsys, monkeypat
 def test_a_readme_without_marks_is_named(tmp_path):
     (tmp_path / "x.md").write_text("nothing here")
     with pytest.raises(ValueError, match=r"x\.md: expected the lines <!-- accuracy --> and <!-- end -->"):
-        regenerate.put_table(tmp_path / "x.md", "")
+        regenerate.put_table(tmp_path / "x.md", "accuracy", "")
 
 
-def test_the_readme_s_table_is_what_the_committed_figures_say():
-    told = json.loads((ROOT / "shots" / "accuracy.json").read_text())
-    assert regenerate.accuracy_table(told) in (ROOT / "README.md").read_text()
+@pytest.mark.parametrize("name", regenerate.TABLES)
+def test_the_readme_s_tables_are_what_the_committed_figures_say(name):
+    told = json.loads((ROOT / "shots" / f"{name}.json").read_text())
+    assert regenerate.TABLES[name](told) in (ROOT / "README.md").read_text()
