@@ -250,7 +250,7 @@ class Contacts:
             if not solid:
                 i, j = self.near.points[q], self.near.points[corners[0]]
                 apart = self.near.radius[self.near.jello[i]] + self.near.radius[self.near.jello[j]]
-                approach = ti.abs(self.difference(contact, q, corners, weights, v).dot(n))
+                approach = ti.abs(self.difference(q, corners, weights, v).dot(n))
                 touches = distance < apart + ahead * approach
             self.apart[contact] = apart
         if touches:
@@ -317,7 +317,7 @@ class Contacts:
         return contact, g
 
     @ti.func
-    def difference(self, contact, q, corners, weights, x):
+    def difference(self, q, corners, weights, x):
         """What point q has of a field x, less what the place has that it touches."""
         d = self.near.at(q, x)
         for k in ti.static(range(3)):
@@ -326,8 +326,7 @@ class Contacts:
 
     @ti.func
     def between(self, contact, x):
-        q = contact // AT_ONCE
-        return self.difference(contact, q, self.corners[contact], self.weights[contact], x)
+        return self.difference(contact // AT_ONCE, self.corners[contact], self.weights[contact], x)
 
     @ti.func
     def depth(self, contact, x):
