@@ -6,6 +6,8 @@ import os
 import select
 import sys
 import tempfile
+from collections import defaultdict
+from collections.abc import Sequence
 
 import numpy as np
 import taichi as ti
@@ -16,7 +18,7 @@ from taichi_jello.runtime import RuntimeProblem, has_vulkan
 from taichi_jello.view import palette
 from taichi_jello.view.camera import FAR, NEAR, Viewpoint
 from taichi_jello.view.drawing import Drawing
-from taichi_jello.view.primitives import Triangles
+from taichi_jello.view.primitives import Dots, Triangles
 
 ROWS = 720  # line widths are given for a picture this high
 FRAMES = 300  # Mesa's software driver leaks half a megabyte a frame until its window is destroyed
@@ -83,14 +85,42 @@ def screen_is_gone() -> bool:
     return bool(asked.poll(500))  # ms: of two connections one hears of it first
 
 
-def _vertices(x: np.ndarray, color: np.ndarray) -> np.ndarray:
-    rows = np.empty((len(x), ROW), np.float32)
-    rows[:, :3] = x
-    rows[:, 3:6] = UPWARDS  # a light of no colour times a normal of no length is not a number
-    rows[:, 8 : 8 + color.shape[1]] = color
-    if color.shape[1] == 3:
-        rows[:, 11] = 1.0
-    return rows
+class Buffers:
+    """What one call hands to GGUI: `rows` (R, ROW) of vertices and `index` (I,), of which the first `counts` are drawn.
+
+    They keep their size, and grow by doubling: a mesh in smaller buffers than the picture before is now and then
+    not drawn at all where the machine is busy (one of 80 on Mesa's software driver)."""
+
+    def __init__(self) -> None:
+        self.rows, self.index = np.empty((0, ROW), np.float32), np.empty(0, np.int32)
+        self.counts = 0, 0
+
+    def fill(self, parts: list[tuple[np.ndarray, np.ndarray]], faces: Sequence[np.ndarray] = ()) -> None:
+        """parts: positions (V, 3) and colours (V, 3) or (V, 4) of each; faces: (T, 3) of each, of its own vertices."""
+        self.counts = sum(len(x) for x, _ in parts), sum(face.size for face in faces)
+        if self.counts[0] > len(self.rows):
+            self.rows = np.zeros((_doubled(self.counts[0]), ROW), np.float32)
+            self.rows[:, 3:6] = UPWARDS  # a light of no colour times a normal of no length is not a number
+            self.rows[:, 11] = 1.0
+        if self.counts[1] > len(self.index):
+            self.index = np.zeros(_doubled(self.counts[1]), np.int32)
+        start = corner = 0
+        for k, (x, color) in enumerate(parts):
+            rows = self.rows[start : start + len(x)]
+            rows[:, :3] = x
+            rows[:, 8 : 8 + color.shape[1]] = color
+            if faces:
+                np.add(faces[k].ravel(), start, out=self.index[corner : corner + faces[k].size])
+                corner += faces[k].size
+            start += len(x)
+
+    @property
+    def info(self) -> tuple:
+        return get_field_info(self.rows), get_field_info(self.index if self.counts[1] else None)
+
+
+def _doubled(count: int) -> int:
+    return 1 << (count - 1).bit_length()
 
 
 class Ggui:
@@ -116,6 +146,8 @@ class Ggui:
             self.window = ti.ui.Window(self._title, full, vsync=self._shown, show_window=self._shown, pos=(0, 0))
         self.canvas = self.window.get_canvas()
         self._frames = 0
+        self._background = _background()
+        self._buffers: dict[str | float, Buffers] = defaultdict(Buffers)  # read when the scene is drawn
 
     def draw(self, drawing: Drawing, viewpoint: Viewpoint) -> None:
         runtime.check(self._runtime)
@@ -125,22 +157,19 @@ class Ggui:
         self._frames += 1
         width, height = self.window.get_window_shape()
         # A flat picture costs Mesa's software driver a third of what a mesh behind everything does.
-        background = _background()
-        self.canvas.canvas.triangles(get_field_info(background), get_field_info(None), True, (1.0, 1.0, 1.0))
+        self.canvas.canvas.triangles(get_field_info(self._background), get_field_info(None), True, (1.0, 1.0, 1.0))
         scene = self.window.get_scene()
-        self._keep = [background]  # GGUI reads these when the scene is drawn
         self._aim(scene, viewpoint)
         for width_ in sorted({batch.width for batch in drawing.lines}):
-            same = [batch for batch in drawing.lines if batch.width == width_]
-            rows = np.concatenate([_vertices(batch.x, batch.rgb) for batch in same])
-            self._lines(scene, rows, max(width_ * height / ROWS, 1.0))
+            same = [(batch.x, batch.rgb) for batch in drawing.lines if batch.width == width_]
+            self._lines(scene, same, width_, max(width_ * height / ROWS, 1.0))
         if drawing.dots is not None:
             # GGUI draws discs width/height times too wide.
             self._dots(scene, drawing.dots, drawing.dots.radius * height / width)
         if drawing.opaque:  # what is nearer comes first: pixels that it hides are then never shaded
-            self._meshes(scene, [*reversed(drawing.opaque)])
+            self._meshes(scene, "opaque", [*reversed(drawing.opaque)])
         if drawing.blended is not None:
-            self._meshes(scene, [drawing.blended])
+            self._meshes(scene, "blended", [drawing.blended])
         # Without any light the driver crashes, and with Taichi's own at the origin pixels there turn black.
         scene.point_light((0.0, -1e6, 0.0), (0.0, 0.0, 0.0))
         self.canvas.canvas.scene_v2(scene.scene)
@@ -160,24 +189,22 @@ class Ggui:
     # the calls below hand over rows that are ready, as those would after their copy. Each call costs 2 ms on
     # Mesa's software driver, hence few of them.
 
-    def _meshes(self, scene, meshes: list[Triangles]) -> None:
-        starts = np.cumsum([0] + [len(mesh.x) for mesh in meshes])
-        rows = np.concatenate([_vertices(mesh.x, mesh.rgba) for mesh in meshes])
-        index = np.concatenate([mesh.index + start for mesh, start in zip(meshes, starts, strict=False)])
-        index = np.ascontiguousarray(index, np.int32).ravel()
-        info = get_field_info(rows), get_field_info(index)
-        scene.scene.mesh(info[0], True, info[1], (1.0, 1.0, 1.0), False, len(index), 0, len(rows), 0, False)
-        self._keep += [rows, index]
+    def _meshes(self, scene, name: str, meshes: list[Triangles]) -> None:
+        buffers = self._buffers[name]
+        buffers.fill([(mesh.x, mesh.rgba) for mesh in meshes], [mesh.index for mesh in meshes])
+        (rows, index), (vertices, corners) = buffers.info, buffers.counts
+        scene.scene.mesh(rows, True, index, (1.0, 1.0, 1.0), True, corners, 0, vertices, 0, False)
 
-    def _lines(self, scene, rows: np.ndarray, width: float) -> None:
-        info = get_field_info(rows), get_field_info(None)
-        scene.scene.lines(*info, True, (1.0, 1.0, 1.0), width, len(rows), 0, len(rows), 0)
-        self._keep += [rows]
+    def _lines(self, scene, parts: list[tuple[np.ndarray, np.ndarray]], name: float, width: float) -> None:
+        buffers = self._buffers[name]
+        buffers.fill(parts)
+        vertices = buffers.counts[0]
+        scene.scene.lines(*buffers.info, True, (1.0, 1.0, 1.0), width, vertices, 0, vertices, 0)
 
-    def _dots(self, scene, dots, radius: float) -> None:
-        rows = _vertices(dots.x, dots.rgb)
-        scene.scene.particles(get_field_info(rows), True, False, (1.0, 1.0, 1.0), radius, len(rows), 0)
-        self._keep += [rows]
+    def _dots(self, scene, dots: Dots, radius: float) -> None:
+        buffers = self._buffers["dots"]
+        buffers.fill([(dots.x, dots.rgb)])
+        scene.scene.particles(buffers.info[0], True, False, (1.0, 1.0, 1.0), radius, buffers.counts[0], 0)
 
     def image(self) -> np.ndarray:
         """(height, width, 3) uint8: what was drawn last, a copy. In a window, ask before show()."""

@@ -188,3 +188,16 @@ def test_columns_are_the_picture_as_a_canvas_takes_it(samples, cube):
         columns = renderer.columns()
     packed = image[..., 0] | image[..., 1] << 8 | image[..., 2] << 16 | np.uint32(255 << 24)
     assert np.array_equal(columns, packed[::-1].T)
+
+
+def test_what_ggui_gets_keeps_its_size_when_a_mesh_shrinks():
+    buffers = ggui.Buffers()
+    rng = np.random.default_rng(1)
+    parts = [(rng.random((count, 3), np.float32), rng.random((count, 4), np.float32)) for count in (5, 40)]
+    faces = [rng.integers(0, count, (count, 3), np.int32) for count in (5, 40)]
+    buffers.fill(parts, faces)
+    rows, index = buffers.rows, buffers.index
+    assert np.array_equal(rows[5:45, 8:], parts[1][1]) and np.array_equal(index[15:135], faces[1].ravel() + 5)
+    buffers.fill(parts[:1], faces[:1])
+    assert buffers.rows is rows and buffers.index is index and buffers.counts == (5, 15)
+    assert np.array_equal(rows[:5, :3], parts[0][0]) and np.array_equal(index[:15], faces[0].ravel())
