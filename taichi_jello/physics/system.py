@@ -20,6 +20,7 @@ from taichi_jello.physics.integrators import scheme
 from taichi_jello.physics.ledger import Ledger
 from taichi_jello.physics.particles import Particles
 from taichi_jello.physics.state import ALONE, Memory, State
+from taichi_jello.physics.stepper import Stepper
 from taichi_jello.plugins import classes
 from taichi_jello.scene import Scene
 
@@ -78,10 +79,9 @@ class System:
         self.handles = Handles(scene, body)
         self.ledger: Any = Ledger(self.all_forces, self.memory, len(self.handles.held) > 0) if ledger else None
         self.books = self.ledger is not None and self.ledger.columns > 0
+        self.stepper = Stepper(self)
         if self.team > 1:
             self.arrivals = ti.field(ti.i64, 1)  # how often threads came to wait_for_team, ever
-        if self.watched:
-            self.reached = self.memory.table("clock", "steps done", np.zeros(1, np.int32))
         self.memory.fill()
         self.changes = Changes(scene, body, list(self.all_forces))
         self.drag, self.mass = scene.drag, float(body.mass.sum())
@@ -174,12 +174,6 @@ class System:
                     force.look(r, self, first, last, x, v, ahead)
 
     @ti.func
-    def look_ahead(self, first, last, dt):
-        """At the beginning of a step."""
-        if ti.static(not self.integrator.solves):
-            self.look(first, last, self.state.x, self.state.v, self.integrator.looks_at * dt)
-
-    @ti.func
     def inertia(self, i):
         """The mass [kg] that the forces on particle i move."""
         m = self.particles.mass(i)
@@ -201,128 +195,16 @@ class System:
             while ti.atomic_max(self.arrivals[0], 0) < everyone:
                 pass
 
-    @ti.kernel
-    def _team_steps(self, origin: int, start: int, stop: int, dt: float):
-        if ti.static(len(self.watched) > 0):
-            self.reached[0] = start
-        if ti.static(self.team == 1):
-            ti.loop_config(serialize=True)
-        else:
-            ti.loop_config(block_dim=1)
-        for member in range(self.team):
-            first = member * self.passes // self.team * self.lanes
-            last = ti.min((member + 1) * self.passes // self.team * self.lanes, self.count)
-            if ti.static(self.books):  # noqa: SIM102
-                if start == origin:
-                    self.ledger.book(self, first, last, 0, stop - origin, origin, dt)
-            if ti.static(self.integrator.has_begin):
-                self.integrator.begin(self, first, last, start * dt)
-            for step in range(start, stop):
-                if ti.static(len(self.watched) > 0):
-                    self._watch(first, last, dt)
-                    self.wait_for_team()
-                    if not self._stale():
-                        self._one_step(first, last, origin, step, stop, dt)
-                else:
-                    self._one_step(first, last, origin, step, stop, dt)
-
-    @ti.func
-    def _one_step(self, first, last, origin, step, stop, dt):
-        self.look_ahead(first, last, dt)
-        for s in range(self.integrator.stages):
-            self.integrator.stage(self, first, last, s, step * dt, dt)
-            if ti.static(self.integrator.solves):
-                while self.integrator.solver.mode[0] != 0:
-                    for kind in ti.static(self.integrator.solver.kinds):
-                        if self.integrator.solver.mode[0] == kind:
-                            self.integrator.solver.turn(kind, self, first, last)
-                    self.integrator.solver.turn_ends(self, first, last)
-        self.integrator.finish(self, first, last, step * dt, dt)
-        if ti.static(self.books):
-            self.ledger.book(self, first, last, step + 1 - origin, stop - origin, origin, dt)
-        if ti.static(len(self.watched) > 0):  # noqa: SIM102
-            if first == 0:
-                self.reached[0] = step + 1
-
-    @ti.func
-    def _watch(self, first, last, dt):
-        for force in ti.static(self.watched):
-            force.watch(first, last, self.state.x, self.state.v, dt)
-
-    @ti.func
-    def _stale(self):
-        """Whether what a force keeps by itself for many steps may be wrong in the next one."""
-        stale = 0
-        for force in ti.static(self.watched):
-            stale = stale | force.stale()
-        return stale
-
-    @ti.kernel
-    def _parallel_watch(self, step: int, dt: float):
-        if not self._stale():
-            self.reached[0] = step
-        self._watch(0, self.count, dt)
-        self.look_ahead(0, ti.select(self._stale(), 0, self.count), dt)
-
-    @ti.kernel
-    def _is_stale(self) -> int:
-        return self._stale()
-
-    @ti.kernel
-    def _reached(self) -> int:
-        return self.reached[0]
-
-    @ti.kernel
-    def _parallel_book(self, origin: int, step: int, stop: int, dt: float):
-        self.ledger.book(self, 0, self.count, step - origin, stop - origin, origin, dt)
-
-    @ti.kernel
-    def _parallel_begin(self, t: float):
-        self.integrator.begin(self, 0, self.count, t)
-
-    @ti.kernel
-    def _parallel_stage(self, s: int, step: int, dt: float):
-        if ti.static(len(self.watched) > 0):
-            last = ti.select(self._stale(), 0, self.count)  # then these loops do nothing
-            self.integrator.stage(self, 0, last, s, step * dt, dt)
-        else:
-            self.integrator.stage(self, 0, self.count, s, step * dt, dt)
-
-    @ti.kernel
-    def _parallel_turn(self, kind: ti.template()):
-        self.integrator.solver.turn(kind, self, 0, self.count)
-        self.integrator.solver.turn_ends(self, 0, self.count)
-
-    @ti.kernel
-    def _parallel_finish(self, t: float, dt: float):
-        self.integrator.finish(self, 0, self.count, t, dt)
-
-    @ti.kernel
-    def _parallel_last_stage(self, s: int, step: int, dt: float):
-        if ti.static(len(self.watched) > 0):
-            last = ti.select(self._stale(), 0, self.count)
-            self.integrator.stage(self, 0, last, s, step * dt, dt)
-            self.integrator.finish(self, 0, last, step * dt, dt)
-            if last > 0:
-                self.reached[0] = step + 1
-        else:
-            self.integrator.stage(self, 0, self.count, s, step * dt, dt)
-            self.integrator.finish(self, 0, self.count, step * dt, dt)
-
     def steps(self, first: int, last: int, dt: float) -> None:
         """Substeps `first` to `last` of the current frame, dt [s] each."""
         if self.integrator.solves:
             self.integrator.prepare(self, dt)
         for sweep in self.sweeps:
             sweep.look_out(self._good[:, 3:], dt)
-        if not self.watched:
-            self._steps(first, first, last, dt)
-            return
         origin = first
         while first < last:
             self._refresh(dt)
-            self._steps(origin, first, last, dt)
-            first = self._reached()
+            first = self.stepper.go(origin, first, last, dt)
             if first < last:
                 self._forget()
 
@@ -337,39 +219,6 @@ class System:
     def _forget(self) -> None:
         for force in self.watched:
             force.forget()
-
-    def _steps(self, origin: int, first: int, last: int, dt: float) -> None:
-        """Substeps `first` to `last` of those that began with `origin`."""
-        if self.team:
-            self._team_steps(origin, first, last, dt)
-            return
-        if self.books and first == origin:
-            self._parallel_book(origin, origin, last, dt)
-        if self.integrator.has_begin:
-            self._parallel_begin(first * dt)
-        for step in range(first, last):
-            if self.watched:
-                self._parallel_watch(step, dt)
-            if self.integrator.solves:
-                self._parallel_solves(step, dt)
-            else:
-                for s in range(self.integrator.stages - 1):
-                    self._parallel_stage(s, step, dt)
-                self._parallel_last_stage(self.integrator.stages - 1, step, dt)
-            if self.books and not (self.watched and self._is_stale()):
-                self._parallel_book(origin, step + 1, last, dt)
-
-    def _parallel_solves(self, step: int, dt: float) -> None:
-        """One step of a scheme that solves: every turn of the solver is a kernel of its own."""
-        if self.watched and self._is_stale():
-            return
-        for s in range(self.integrator.stages):
-            self._parallel_stage(s, step, dt)
-            while mode := self.integrator.solver.mode[0]:
-                self._parallel_turn(mode)
-        self._parallel_finish(step * dt, dt)
-        if self.watched:
-            self.reached[0] = step + 1
 
     def begin_frame(self, start: float, end: float, within: bool = False) -> float:
         """Bring live values up to date for the frame from `start` to `end` [s]; within: it has begun already. Returns
