@@ -5,7 +5,6 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from math import ceil
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from taichi_jello import runtime
 from taichi_jello.assembly import assembled
 from taichi_jello.body import Body
+from taichi_jello.clock import Clock, StepWarning, asked_substeps, safe_substeps
 from taichi_jello.keyframes import offset
 from taichi_jello.physics.blame import Blame, Culprit
 from taichi_jello.physics.choice import AUTO, Choice, choose
@@ -21,12 +21,6 @@ from taichi_jello.physics.forces.grab import MOST, Hand, Held
 from taichi_jello.physics.ledger import Books
 from taichi_jello.physics.system import System
 from taichi_jello.scene import Scene, SceneError, vector
-
-MOST_SUBSTEPS = 1_000_000  # of a frame that an automatic step may come to
-
-
-class StepWarning(UserWarning):
-    """The step asked for is longer than the scene's safe one."""
 
 
 class Diverged(RuntimeError):
@@ -98,11 +92,8 @@ class Simulation:
             self.method = self.choice.method
         else:
             self.system = System(scene, self.body, method=self.method, team=team, ledger=ledger)
-        self.substeps = self._choose_substeps(*self.asked_step)
-        self.dt = self.frame_dt / self.substeps
-        self._frames = self._done = 0
+        self.clock = Clock(self.frame_dt, self._choose_substeps(*self.asked_step))
         self._begun = False
-        self._time_before_frames = 0.0
         self._books: Books | None = None
         self.start = self.snapshot()
         self._open_books()
@@ -122,37 +113,16 @@ class Simulation:
                     )
 
     def _choose_substeps(self, dt: float | str, substeps: int | None) -> int:
-        """Whole substeps of a frame: as asked, or as few as the safe step allows."""
-        safe = self.safe_dt
-        if substeps is not None:
-            chosen = substeps
-        elif dt == "auto":
-            if safe == 0.0:
-                raise SceneError(
-                    "solver.dt",
-                    f"{self.method} has no stable step for this scene (something swings undamped); "
-                    "give dt in seconds, or another method such as rk4",
-                )
-            asked = self.system.integrator.automatic_dt(self.system.bound, self.frame_dt)
-            if self.frame_dt > MOST_SUBSTEPS * asked:
-                raise SceneError(
-                    "solver.dt",
-                    f"the largest safe step of {self.method} is {safe:.3g} s, {self.frame_dt / asked:.3g} for a frame; "
-                    "give dt in seconds, or an implicit method such as backward-euler",
-                )
-            return max(1, ceil(self.frame_dt / asked * (1.0 - 1e-9)))
-        else:
-            chosen = max(1, ceil(self.frame_dt / float(dt) * (1.0 - 1e-9)))
-            if float(dt) > self.frame_dt * (1.0 + 1e-6):
-                told = f"dt = {float(dt):.3g} s is longer than a frame: steps are {self.frame_dt:.3g} s"
-                warnings.warn(told, StepWarning, stacklevel=3)
-        if self.frame_dt / chosen > safe * (1.0 + 1e-6) and self._told != (self.method, dt, substeps):
-            self._told = self.method, dt, substeps  # once, not for every move of a slider
-            warnings.warn(
-                f"dt = {self.frame_dt / chosen:.3g} s is beyond the largest safe step of {self.method}, {safe:.3g} s",
-                StepWarning,
-                stacklevel=3,
-            )
+        """Whole substeps of a frame: as asked, or as few as the safe step allows. A step that is not safe is warned of
+        once, not for every move of a slider."""
+        if substeps is None and dt == "auto":
+            return safe_substeps(self.system, self.method, self.frame_dt)
+        chosen = asked_substeps(self.frame_dt, float(dt)) if substeps is None else substeps
+        step = self.frame_dt / chosen
+        if step > self.safe_dt * (1.0 + 1e-6) and self._told != (self.method, dt, substeps):
+            self._told = self.method, dt, substeps
+            told = f"dt = {step:.3g} s is beyond the largest safe step of {self.method}, {self.safe_dt:.3g} s"
+            warnings.warn(told, StepWarning, stacklevel=4)
         return chosen
 
     @property
@@ -163,7 +133,17 @@ class Simulation:
     @property
     def time(self) -> float:
         """Seconds since the scene's beginning."""
-        return self._time_before_frames + self._frames * self.frame_dt + self._done * self.dt
+        return self.clock.time
+
+    @property
+    def substeps(self) -> int:
+        """Of a drawn frame."""
+        return self.clock.substeps
+
+    @property
+    def dt(self) -> float:
+        """Of a substep [s]."""
+        return self.clock.dt
 
     @property
     def x(self) -> np.ndarray:
@@ -179,7 +159,7 @@ class Simulation:
         """Kinetic, elastic, gravity (zero at y = 0) and contact energy [J]."""
         runtime.check(self.system.owner)
         self._begin_frame()
-        return self.system.energies(self._done * self.dt)
+        return self.system.energies(self.clock.done * self.dt)
 
     @property
     def work(self) -> dict[str, float]:
@@ -223,7 +203,7 @@ class Simulation:
 
     def frame(self) -> None:
         """Go on to the end of the current frame. Raises Diverged, back at the frame's beginning."""
-        self.step(self.substeps - self._done)
+        self.step(self.clock.left)
 
     def advance(self, seconds: float) -> None:
         """Go on by the whole number of substeps nearest to `seconds`."""
@@ -235,25 +215,23 @@ class Simulation:
         """Go on by `count` substeps; a check for bad numbers follows each frame and the last substep."""
         runtime.check(self.system.owner)
         while count > 0:
-            part = min(count, self.substeps - self._done)
+            part = min(count, self.clock.left)
             self._begin_frame()
-            self.system.steps(self._done, self._done + part, self.dt)
+            self.system.steps(self.clock.done, self.clock.done + part, self.dt)
             works = self.system.ledger.take() if self.system.ledger else {}
             bad = self.system.keep_if_finite()
             if bad is not None:
                 self._fail(bad, part)
             if self._books:
                 self._books.add(works)
-            self._done += part
+            self.clock.go_on(part)
+            self._begun = self.clock.done > 0
             count -= part
-            if self._done == self.substeps:
-                self._frames, self._done, self._begun = self._frames + 1, 0, False
 
     def _begin_frame(self) -> None:
         """Tell the forces which frame it is, once a frame."""
         if not self._begun:
-            start, end = (self._time_before_frames + (self._frames + k) * self.frame_dt for k in (0, 1))
-            gained = self.system.begin_frame(start, end, within=self._done > 0)
+            gained = self.system.begin_frame(*self.clock.frame, within=self.clock.done > 0)
             if self._books and gained:
                 self._books.add({"handles": gained})
             self._begun = True
@@ -270,7 +248,7 @@ class Simulation:
                 "safe_dt": self.safe_dt,
                 "last_good_time": self.time,
             },
-            partial(self._blame, self.snapshot(), self._done, self._done + part),
+            partial(self._blame, self.snapshot(), self.clock.done, self.clock.done + part),
         )
 
     def _blame(self, good: Snapshot, first: int, last: int) -> Culprit | None:
@@ -293,10 +271,9 @@ class Simulation:
     def snapshot(self) -> Snapshot:
         """A copy of this moment."""
         runtime.check(self.system.owner)
-        clock = self._time_before_frames, self._frames, self._done, self.dt
         grip = None if self._hand is None else self._hand.grip
         memory = self.system.changes.memory() | self.system.integrator.remembered()
-        return Snapshot(self.time, *self.system.read(), memory, clock, grip)
+        return Snapshot(self.time, *self.system.read(), memory, self.clock.hands, grip)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back (or on) to a snapshot of the same scene; running on from it gives the same bits as before.
@@ -317,20 +294,9 @@ class Simulation:
         if snapshot.grip is not None and self._hand is not None:
             self._hand.grip = snapshot.grip
             self._follow_hand()
-        if snapshot.clock is not None and snapshot.clock[3] == self.dt:
-            self._time_before_frames, self._frames, self._done, _ = snapshot.clock
-            self._begun = False
-        else:
-            self._set_time(snapshot.time)
+        self.clock.turn(snapshot.clock, snapshot.time)
+        self._begun = False
         self._open_books()
-
-    def _set_time(self, time: float) -> None:
-        """Find the frame and substep of `time`; a time between substeps becomes a frame's beginning of its own."""
-        steps = round(time / self.dt)
-        self._frames, self._done, self._begun = steps // self.substeps, steps % self.substeps, False
-        self._time_before_frames = 0.0
-        if abs(self.time - time) > 1e-6 * self.dt + 1e-12 * abs(time):
-            self._frames, self._done, self._time_before_frames = 0, 0, time
 
     @property
     def tuning(self) -> dict[str, Any]:
@@ -375,10 +341,7 @@ class Simulation:
 
     def _choose_step(self) -> None:
         """Begin a frame here with the number of substeps that is safe now."""
-        time, substeps = self.time, self._choose_substeps(*self.asked_step)
-        if substeps != self.substeps or self._done:
-            self.substeps, self.dt = substeps, self.frame_dt / substeps
-            self._time_before_frames, self._frames, self._done = time, 0, 0
+        self.clock.cut(self._choose_substeps(*self.asked_step))
         self._begun = False
 
     @property

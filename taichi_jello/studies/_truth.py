@@ -8,7 +8,8 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello import runtime
-from taichi_jello.simulation import Simulation, Snapshot, StepWarning
+from taichi_jello.clock import StepWarning
+from taichi_jello.simulation import Simulation, Snapshot
 from taichi_jello.studies._cases import Case
 from taichi_jello.studies._reference import Reference
 from taichi_jello.studies._report import INSTALL

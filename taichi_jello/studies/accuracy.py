@@ -14,9 +14,10 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello import runtime
+from taichi_jello.clock import StepWarning
 from taichi_jello.physics.integrators import scheme, schemes
 from taichi_jello.progress import bar
-from taichi_jello.simulation import Diverged, Simulation, StepWarning
+from taichi_jello.simulation import Diverged, Simulation
 from taichi_jello.studies._cases import Case, built_in, case_of
 from taichi_jello.studies._report import headline, machine, table
 from taichi_jello.studies._truth import Truth, rms, roll_out, truth

@@ -14,6 +14,7 @@ from typing import Any
 import taichi as ti
 
 from taichi_jello import runtime, sceneio
+from taichi_jello.clock import StepWarning
 from taichi_jello.explain import facts
 from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.colliders.sphere import Sphere
@@ -22,7 +23,7 @@ from taichi_jello.physics.forces.grab import Grab
 from taichi_jello.progress import bar
 from taichi_jello.scene import Contact, Pin, Scene, SceneError, Solver
 from taichi_jello.shapes.lattice import Box
-from taichi_jello.simulation import Simulation, StepWarning
+from taichi_jello.simulation import Simulation
 from taichi_jello.studies._report import headline, interleaved, machine, table
 
 MANY = True  # scenes in one call

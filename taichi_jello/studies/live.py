@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from taichi_jello import runtime, sceneio
+from taichi_jello.clock import StepWarning
 from taichi_jello.physics.integrators import scheme, schemes
 from taichi_jello.progress import bar
 from taichi_jello.scene import Scene, SceneError
-from taichi_jello.simulation import Diverged, Simulation, Snapshot, StepWarning
+from taichi_jello.simulation import Diverged, Simulation, Snapshot
 from taichi_jello.studies._report import Lacking, headline, machine, table
 from taichi_jello.words import plain
 

@@ -17,11 +17,12 @@ import taichi as ti
 
 from taichi_jello import runtime
 from taichi_jello.body import Body
+from taichi_jello.clock import StepWarning
 from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.progress import bar
 from taichi_jello.scene import Camera, Scene, Solver
 from taichi_jello.shapes.lattice import Box
-from taichi_jello.simulation import Simulation, StepWarning
+from taichi_jello.simulation import Simulation
 from taichi_jello.studies._report import REPEATS, headline, machine, spread
 
 DT = 1e-6  # s; so short that nothing moves far: every pass does the same work

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from taichi_jello import runtime
+from taichi_jello.clock import StepWarning
 from taichi_jello.physics.choice import AUTO
 from taichi_jello.physics.integrators import schemes
 from taichi_jello.progress import bar
 from taichi_jello.scene import SceneError
-from taichi_jello.simulation import Diverged, Simulation, StepWarning
+from taichi_jello.simulation import Diverged, Simulation
 from taichi_jello.studies._extremes import CASES, Extreme
 from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table
 

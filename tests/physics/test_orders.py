@@ -37,7 +37,7 @@ def test_error_falls_with_the_order_of_the_scheme(name, smooth):
     for halvings in range(4):
         count = round(SECONDS / coarsest) * 2**halvings
         simulation.restore(Snapshot(0.0, x, v))
-        simulation.dt = SECONDS / count  # an exact divisor of the time compared at
+        simulation.clock.frame_dt = SECONDS / count * simulation.substeps  # an exact divisor of the time compared at
         simulation.step(count)
         errors.append(np.sqrt(np.mean((simulation.x - exact) ** 2)))
         steps.append(simulation.dt)
