@@ -8,6 +8,7 @@ from taichi_jello.body import Body, join
 from taichi_jello.checked import SceneError
 from taichi_jello.elastic import material
 from taichi_jello.keyframes import offset
+from taichi_jello.physics.colliders.room import Room
 from taichi_jello.region import divided, places
 from taichi_jello.scene import Jello, Scene
 
@@ -29,11 +30,29 @@ def built(jello: Jello) -> Body:
 
 
 def assembled(scene: Scene) -> Body:
-    """All jellos of the scene as one body. Raises SceneError naming the jello that cannot be built."""
+    """All jellos of the scene as one body. Raises SceneError naming the jello that cannot be built, or the room that
+    it does not begin in."""
     bodies = []
     for index, jello in enumerate(scene.jello):
         try:
             bodies.append(built(jello))
         except SceneError as error:
             raise error.within(f"jello.{index}") from None
-    return join(bodies)
+    body = join(bodies)
+    _check_rooms(scene, body)
+    return body
+
+
+def _check_rooms(scene: Scene, body: Body) -> None:
+    """A jello must begin inside every room, or the walls would throw it."""
+    for c, room in enumerate(scene.collider):
+        if not isinstance(room, Room):
+            continue
+        for j in range(len(scene.jello)):
+            low, high = (corner - offset(room.keyframe, 0.0) for corner in body.extent(j))
+            if np.any(low < np.array(room.min) - 1e-9) or np.any(high > np.array(room.max) + 1e-9):
+                raise SceneError(
+                    f"collider.{c}",
+                    f"expected a box around jello.{j}, which spans {np.round(low, 3).tolist()} to "
+                    f"{np.round(high, 3).tolist()}, got {list(room.min)} to {list(room.max)}",
+                )

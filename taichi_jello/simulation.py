@@ -13,10 +13,8 @@ from taichi_jello import runtime
 from taichi_jello.assembly import assembled
 from taichi_jello.body import Body
 from taichi_jello.clock import Clock, StepWarning, asked_substeps, safe_substeps
-from taichi_jello.keyframes import offset
 from taichi_jello.physics.blame import Blame, Culprit
 from taichi_jello.physics.choice import AUTO, Choice, choose
-from taichi_jello.physics.colliders.room import Room
 from taichi_jello.physics.forces.grab import MOST, Hand, Held
 from taichi_jello.physics.ledger import Books
 from taichi_jello.physics.system import System
@@ -80,7 +78,6 @@ class Simulation:
     ):
         self.scene = scene
         self.body: Body = assembled(scene)
-        self._check_rooms()
         self.method = method or scene.solver.method
         self.frame_dt = scene.solver.frame_dt
         self.asked_step = scene.solver.dt if dt is None else dt, substeps
@@ -97,20 +94,6 @@ class Simulation:
         self._books: Books | None = None
         self.start = self.snapshot()
         self._open_books()
-
-    def _check_rooms(self) -> None:
-        """A jello must begin inside every room, or the walls would throw it."""
-        for c, room in enumerate(self.scene.collider):
-            if not isinstance(room, Room):
-                continue
-            for j in range(len(self.scene.jello)):
-                low, high = (corner - offset(room.keyframe, 0.0) for corner in self.body.extent(j))
-                if np.any(low < np.array(room.min) - 1e-9) or np.any(high > np.array(room.max) + 1e-9):
-                    raise SceneError(
-                        f"collider.{c}",
-                        f"expected a box around jello.{j}, which spans {np.round(low, 3).tolist()} to "
-                        f"{np.round(high, 3).tolist()}, got {list(room.min)} to {list(room.max)}",
-                    )
 
     def _choose_substeps(self, dt: float | str, substeps: int | None) -> int:
         """Whole substeps of a frame: as asked, or as few as the safe step allows. A step that is not safe is warned of
