@@ -85,7 +85,6 @@ class Contacts:
             self.exits, self.triangles = table("exits of each cell", touching.exits), table("exits", touching.triangles)
             self.exit_start = table("starts of exits", touching.start)
             self.way, self.inner = table("ways to them", touching.way), table("inner neighbours", touching.inner)
-            self.spacing = table("spacing", touching.spacing)
             self.boxes = memory.zeros(title, "boxes of cells", (self.solid, 6))
         if self.near.skinned:
             self.parts = table("shares", touching.share)
@@ -121,9 +120,9 @@ class Contacts:
                     if self.near.is_found[e]:
                         self.boxes[e] = self.box(e)
         elif ti.static(r == 2):
-            for q in range(from_, to):
-                if self.near.start[q] < self.near.start[q + 1]:
-                    self.find(q, v, ahead)
+            busy = self.near.state[2]
+            for k in range(system.share_of(first, busy), system.share_of(last, busy)):
+                self.find(self.near.busy[k], v, ahead)
         else:
             for q in range(from_, to):
                 self.settle(q)
@@ -158,11 +157,11 @@ class Contacts:
         p = self.place[q]
         met, jello, solid, best = 0, -1, False, ti.cast(FAR, float)
         corners, weights = ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
-        end = self.near.start[q + 1]
-        for k in range(self.near.start[q], end + 1):  # one more than listed, to end with the last jello
+        place, end = self.near.start[q], self.near.listed[q]
+        for k in range(end + 1):  # one more than listed, to end with the last jello
             e, other = 0, -1
             if k < end:
-                e = self.near.found[k]
+                e, place = self.near.next(place)
                 other = self.near.owner[e]
             if other != jello:
                 if best < FAR and met < AT_ONCE:
@@ -194,7 +193,7 @@ class Contacts:
                 same |= 1 << k
             else:
                 least = ti.min(least, self.way[e][k])
-        spacing = self.spacing[self.near.owner[e]]
+        spacing = self.near.spacing[self.near.owner[e]]
         best, corners, weights = ti.cast(FAR, float), ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
         if least < FAR:
             best, corners, weights = self.nearest_exit(e, p, 63 ^ same, least + spacing, best)

@@ -1,31 +1,62 @@
-"""Which points are near which elements: a uniform grid on the deformed bodies, searched again when they have moved.
+"""Which points are near which elements, found by trees of boxes and again only when something has moved too far.
 
 A list made with a margin stays right until something has moved by half of it, as in molecular dynamics (Verlet 1967).
-Here every particle has a margin of its own: how far its jello goes in a frame, within bounds, or itself in some steps.
-A list may hold too much: what it holds beyond the points that touch adds nothing, so no number depends on when it was
-made.
+Here every jello is expected to go on as fast as it does, and what counts is how far a particle strays from that: its
+margin. Boxes are those along the jello's own axes, which fit it well however it has turned. A list may hold too much:
+what it holds beyond the points that touch adds nothing, so no number depends on when it was made.
 """
 
 import numpy as np
 import taichi as ti
 
 from taichi_jello.body import Body
+from taichi_jello.physics.boxtree import BoxTree
 from taichi_jello.physics.state import ALONE, Memory
 from taichi_jello.physics.touching import Touching
 
-ROOM = 40  # places in the list for each point
+ROOM = 40  # places in the lists for each point
+ROW = 8  # places in a row of a list: elements, and in the last one where the next row begins
 SPARE = 0.8  # of a margin after which the lists are made again; the rest covers the step that follows
 OWN = 2.5  # distances between the points within which a jello does not touch itself: there its springs hold
 LEAST, MOST = 0.4, 0.6  # a margin's usual size, in distances between the points
-WIDTH = 2.5  # of the grid's cells, in distances between the points
-# The axes along which it is asked which jellos are near each other: of a cube, and through its corners.
-AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1))
-AXIS_COUNT, LENGTHS = len(AXES), np.linalg.norm(AXES, axis=1)
+AHEAD = 0.5  # how far jellos may go by each other before the lists are made again, in distances between the points
+LONGEST = 60.0  # how long lists last at most, in frames
+TINY = 1e-12
+
+
+@ti.func
+def axes_of(a):
+    """Three unit vectors square to each other, the rows of a matrix, along the columns of a as well as may be."""
+    e0 = ti.Vector([a[0, 0], a[1, 0], a[2, 0]])
+    e0 = ti.select(e0.norm() > TINY, e0 / ti.max(e0.norm(), TINY), ti.Vector([1.0, 0.0, 0.0]))
+    e1 = ti.Vector([a[0, 1], a[1, 1], a[2, 1]])
+    e1 -= e0.dot(e1) * e0
+    if not e1.norm() > 1e-3 * ti.abs(a).max():
+        e1 = ti.select(ti.abs(e0[0]) < 0.7, ti.Vector([1.0, 0.0, 0.0]), ti.Vector([0.0, 1.0, 0.0]))
+        e1 -= e0.dot(e1) * e0
+    e1 /= e1.norm()
+    return ti.Matrix.rows([e0, e1, e0.cross(e1)])
+
+
+@ti.func
+def box_around(low, high):
+    return ti.Vector([low[0], low[1], low[2], high[0], high[1], high[2]])
+
+
+@ti.func
+def meet(box, low, high):
+    """Whether a box meets the one from `low` to `high`."""
+    within = True
+    for axis in ti.static(range(3)):
+        within = within and box[axis] <= high[axis] and low[axis] <= box[axis + 3]
+    return within
 
 
 @ti.data_oriented
 class Neighbours:
-    """found[start[q]] … found[start[q + 1] - 1]: the elements near point q, in ascending order."""
+    """Point q has listed[q] elements near it, read one after another by `next` from start[q] on, jello by jello.
+
+    Points that have any: busy[0] … busy[state[2] - 1]."""
 
     def __init__(self, title: str, body: Body, memory: Memory, touching: Touching, others: bool, itself: np.ndarray):
         """others: whether jellos meet other ones; itself (J,) bool: which meet themselves."""
@@ -36,78 +67,64 @@ class Neighbours:
         def zeros(name: str, *shape: int) -> ti.Field:
             return memory.zeros(title, name, shape, whole=True)
 
-        self.touching, self.number, self.particles = touching, memory.number, memory.particles
+        def numbers(name: str, *shape: int) -> ti.Field:
+            return memory.zeros(title, name, shape)
+
+        self.touching, self.particles = touching, memory.particles
         self.count, self.elements, self.jellos = len(touching.points), len(touching.nodes), len(touching.radius)
         self.serial = memory.owner.on_cpu and memory.particles < ALONE
-        self.room = ROOM * self.count
-        self.bins = 1 << (2 * self.count - 1).bit_length()
-        self.first = np.searchsorted(body.jello, np.arange(self.jellos))
+        self.rows = ROOM * self.count // ROW
         self.points, self.nodes = table("points", touching.points), table("elements", touching.nodes)
         self.bare, self.skinned = touching.bare, touching.bare < self.count
         if self.skinned:
-            self.corners, self.weights = (
-                table("skin corners", touching.corners),
-                table("skin weights", touching.weights),
-            )
-        self.jello, self.radius = table("jello", body.jello), table("radius", touching.radius)
-        self.owner = table("jello of each element", body.jello[touching.nodes[:, 0]])
+            self.corners = table("skin corners", touching.corners)
+            self.weights = table("skin weights", touching.weights)
+        self.jello = table("jello", body.jello)
+        self.first = table("first particles", np.searchsorted(body.jello, np.arange(self.jellos + 1)))
+        self.radius, self.spacing = table("radius", touching.radius), table("spacing", touching.spacing)
+        self.least_spacing = float(touching.spacing.min())
+        owner = body.jello[touching.nodes[:, 0]]
+        self.owner, self.lever = table("jello of each element", owner), table("levers", levers(body))
+        tree = BoxTree.of(owner, body.rest[touching.nodes].mean(1), self.jellos)
+        self.boxes_of_nodes = len(tree.first)
+        self.tree_order, self.tree_skip = table("tree: elements", tree.order), table("tree: next nodes", tree.skip)
+        self.tree_first, self.tree_last = table("tree: first elements", tree.first), table("tree: ends", tree.last)
+        self.tree_start = table("tree: roots", tree.start)
+        self.element_box, self.node_box = numbers("boxes", self.elements, 6), numbers("tree: boxes", len(tree.first), 6)
         self.is_found, self.meets_any = zeros("elements near points", self.elements), zeros("meets any", self.jellos)
-        self.body_jello, self.number_of = body.jello, np.bincount(body.jello)
-        self.margin = memory.zeros(title, "margins", (memory.particles,))
-        self.item_reach = memory.zeros(title, "their reach", (self.count,))
-        self.ref = memory.vectors(title, "x at the last search")
-        self.state = zeros("stale, pairs", 2)
-        self.pairs, self.found, self.start = (
-            zeros("pairs", self.room, 2),
-            zeros("found", self.room),
-            zeros("start", self.count + 1),
-        )
-        self.bin_start, self.cursor = zeros("bins", self.bins + 2), zeros("cursor", max(self.count, self.bins + 1))
-        self.bin_of, self.items = zeros("bin of each point", self.count), zeros("points by bin", self.count)
-        self.item_jello, self.item_x = (
-            zeros("their jellos", self.count),
-            memory.zeros(title, "their x", (self.count, 3)),
-        )
+        self.met = zeros("jellos that each meets", self.jellos * self.jellos)
+        self.margin, self.ref = numbers("margins", self.particles), memory.vectors(title, "x at the last search")
+        self.own_x = numbers("x along own axes", self.particles, 3)
+        self.drift, self.centre = numbers("speeds", self.jellos, 3), numbers("centres", self.jellos, 3)
+        self.axes, self.hull = numbers("axes", self.jellos, 9), numbers("hulls", self.jellos, 6)
+        self.most = numbers("widest usual margins", self.jellos)
+        self.clock = numbers("made at, lasts", 2)
+        self.state = zeros("stale, rows, busy points", 3)
+        self.found, self.start = zeros("found", self.rows * ROW), zeros("start", self.count)
+        self.listed, self.busy = zeros("how many found", self.count), zeros("busy points", self.count)
         self.others, self.itself, self.with_self = others, itself, bool(itself.any())
-        self.meets = np.where(np.eye(self.jellos, dtype=bool), itself, others)
         if self.with_self:
             self.alone = table("meets itself", itself.astype(np.int32))
             self.rest = table("rest", body.rest)
             self.apart = table("own neighbourhood", OWN * touching.spacing)
-        self.fresh = False
+        self.fresh, self.made_at, self.frame_start = False, 0.0, 0.0
 
-    def refresh(self, x: np.ndarray, v: np.ndarray, positions: ti.MatrixField, dt: float, frame_dt: float) -> None:
-        """Search again, for particles at x that move at v, (N, 3) each, as `positions` has them too."""
-        x0, x1, x2 = np.ascontiguousarray(x.T)
-        along = np.stack([x0, x1, x2, x0 + x1 + x2, x0 + x1 - x2, x0 - x1 + x2, x1 + x2 - x0])  # AXES · x
-        speed = np.sqrt((np.ascontiguousarray(v.T) ** 2).sum(0))
-        if not (np.isfinite(along).all() and np.isfinite(speed).all()):
-            self._forget()  # the numbers went bad; whoever looks at them says so
-            return
-        spacing = self.touching.spacing
-        usual = np.sqrt(np.add.reduceat(speed**2, self.first) / self.number_of)  # [m/s] of each jello
-        most = np.clip(1.5 * frame_dt * usual, LEAST * spacing, MOST * spacing)
-        steps = np.where(speed > 2.0 * usual[self.body_jello], 8.0, 3.0)  # few are quicker than that
-        while True:
-            margin = np.maximum(most[self.body_jello], steps * dt * speed)
-            widest = float((np.maximum(most, 6.0 * dt * usual) + self.touching.radius).max())
-            if self._search_within(positions, along, margin, widest) <= self.room or most.max() < 0.01 * spacing.min():
-                break
-            most = 0.5 * most
-        self.fresh = True
+    def begin_frame(self, start: float) -> None:
+        """Tell the time of the lists by the clock of the frame that begins at `start` [s]."""
+        self.frame_start = start
+        if self.fresh:
+            self._set_clock(self.made_at - start)
 
-    def _search_within(self, positions: ti.MatrixField, along: np.ndarray, margin: np.ndarray,
-                       widest: float) -> int:  # fmt: skip
-        reach = margin + self.touching.radius[self.body_jello]
-        grown = (LENGTHS[:, None] * reach).astype(self.number)
-        low = np.minimum.reduceat(along - grown, self.first, axis=1).T
-        high = np.maximum.reduceat(along + grown, self.first, axis=1).T
-        meet = np.all((low[:, None] <= high[None]) & (low[None] <= high[:, None]), -1) & self.meets
-        start = np.append(0, np.cumsum(meet.sum(1))).astype(np.int32)
-        others = np.append(np.nonzero(meet)[1], 0).astype(np.int32)  # never empty
-        width = float(WIDTH * np.mean(self.touching.spacing))
-        hulls = np.hstack([low, high])
-        return self._search(positions, hulls, start, others, margin.astype(self.number), width, widest)
+    def refresh(self, x: ti.MatrixField, v: ti.MatrixField, t: float, dt: float, frame_dt: float) -> None:
+        """Make the lists anew for particles at x that move at v, t seconds after the current frame began."""
+        scale = 1.0
+        while self._search(x, v, t, dt, frame_dt, scale * LEAST, scale * MOST) > self.rows and scale > 0.01:
+            scale *= 0.5
+        self.fresh, self.made_at = True, self.frame_start + t
+
+    @ti.kernel
+    def _set_clock(self, made: float):
+        self.clock[0] = made
 
     @ti.func
     def at(self, q, x):
@@ -122,7 +139,7 @@ class Neighbours:
 
     @ti.func
     def reach_of(self, q):
-        """How far from itself point q may touch before the lists are made again."""
+        """How far from its way point q may touch before the lists are made again."""
         reach = self.margin[self.points[q]]
         if ti.static(self.skinned):  # noqa: SIM102
             if q >= self.bare:
@@ -131,152 +148,203 @@ class Neighbours:
         return reach + self.radius[self.jello[self.points[q]]]
 
     @ti.func
-    def bin_at(self, cell):
-        """The bin of a cell of the grid; along z they follow each other."""
-        return ((cell[0] * 73856093 ^ cell[1] * 19349663) + cell[2]) & (self.bins - 1)
-
-    @ti.func
-    def box(self, e, x):
-        """The box around element e."""
-        nodes = self.nodes[e]
-        low = x[nodes[0]]
-        high = low
-        for k in ti.static(range(1, 8)):
-            low, high = ti.min(low, x[nodes[k]]), ti.max(high, x[nodes[k]])
-        return low, high
-
-    @ti.func
-    def note_all(self, first, last, e, low, high, row, width):
-        """List element e with the points in the bins first … last - 1 that are in a row of cells (in any if `width` is
-        0), if they are near, and of another jello or else far on its own."""
-        if first < last:
-            a = self.owner[e]
-            for place in range(self.bin_start[first], self.bin_start[last]):
-                b = self.item_jello[place]
-                if (a != b and self.others) or (a == b and self.with_self):
-                    p, reach = self.item_x[place], self.item_reach[place]
-                    if (p > low - reach).all() and (p < high + reach).all():  # noqa: SIM102
-                        if width == 0.0 or (ti.floor(p / width, ti.i32)[:2] == row).all():
-                            self.note(self.items[place], e, a == b)
-
-    @ti.func
-    def note(self, q, e, own):
-        meets = True
-        if ti.static(self.with_self):  # noqa: SIM102 - decided when it is compiled
-            if own:
-                j = self.owner[e]
-                apart = (self.rest[self.points[q]] - self.rest[self.nodes[e][0]]).norm()
-                meets = self.alone[j] and apart > self.apart[j]
-        if meets:
-            self.is_found[e] = 1
-            k = ti.atomic_add(self.state[1], 1)
-            if k < self.room:
-                self.pairs[k] = ti.Vector([q, e])
-                ti.atomic_add(self.start[q + 1], 1)
+    def along(self, j, d):
+        """The vector d along the axes of jello j."""
+        a = self.axes[j]
+        return ti.Vector(
+            [
+                a[0] * d[0] + a[1] * d[1] + a[2] * d[2],
+                a[3] * d[0] + a[4] * d[1] + a[5] * d[2],
+                a[6] * d[0] + a[7] * d[1] + a[8] * d[2],
+            ]
+        )
 
     @ti.kernel
-    def _forget(self):
-        self.state[0] = 0
-
-    @ti.kernel
-    def _search(self, x: ti.template(), hulls: ti.types.ndarray(), met: ti.types.ndarray(), others: ti.types.ndarray(),
-                margins: ti.types.ndarray(), width: float, widest: float) -> int:  # fmt: skip
-        """List all pairs; returns how many there are, which may be more than there is room for. Jello j, with its
-        margin, reaches from hulls[j, k] to hulls[j, k + AXIS_COUNT] along axis k; it meets others[met[j]] and all
-        before others[met[j + 1]].
-        """
-        self.state[0], self.state[1] = 0, 0
-        ti.loop_config(serialize=self.serial)
+    def _search(self, x: ti.template(), v: ti.template(), t: float, dt: float, frame_dt: float, least: float,
+                most: float) -> int:  # fmt: skip
+        """Returns how many rows the lists have, which may be more than there is room for. Usual margins are between
+        `least` and `most` distances between the points."""
+        for k in ti.static(range(3)):
+            self.state[k] = 0
+        ti.loop_config(serialize=self.serial, block_dim=1)
         for j in range(self.jellos):
-            self.meets_any[j] = met[j] < met[j + 1]
-        ti.loop_config(serialize=self.serial)
-        for h in range(self.bins + 2):
-            self.bin_start[h] = 0
-        ti.loop_config(serialize=self.serial)
-        for i in range(self.particles):
-            self.ref[i], self.margin[i] = x[i], margins[i]
-        ti.loop_config(serialize=self.serial)
-        for q in range(self.count):
-            self.start[q + 1] = 0
-            p, j = self.at(q, x), self.jello[self.points[q]]
-            self.bin_of[q] = -1
-            if self.in_reach(p, p, j, self.reach_of(q), hulls, met, others):
-                self.bin_of[q] = self.bin_at(ti.floor(p / width, ti.i32))
-                if self.reach_of(q) > widest:
-                    self.bin_of[q] = self.bins  # the last one, for those that reach far
-                ti.atomic_add(self.bin_start[self.bin_of[q] + 1], 1)
+            self._follow(j, x, v)
         ti.loop_config(serialize=True)
-        for h in range(self.bins + 1):
-            self.cursor[h] = self.bin_start[h]
-            self.bin_start[h + 1] = self.bin_start[h + 1] + self.bin_start[h]
-        ti.loop_config(serialize=self.serial)
-        for q in range(self.count):
-            if self.bin_of[q] >= 0:
-                place = ti.atomic_add(self.cursor[self.bin_of[q]], 1)
-                self.items[place], self.item_jello[place] = q, self.jello[self.points[q]]
-                self.item_x[place], self.item_reach[place] = self.at(q, x), self.reach_of(q)
+        for _ in range(1):
+            self._set_time(t, ti.max(frame_dt, 3.0 * dt))
+        ti.loop_config(serialize=self.serial, block_dim=1)
+        for j in range(self.jellos):
+            self._widen(j, x, v, dt, frame_dt, least, most)
         ti.loop_config(serialize=self.serial, block_dim=64)
-        for e in range(self.elements):
+        for place in range(self.elements):
+            e = self.tree_order[place]
             self.is_found[e] = 0
-            low, high = self.box(e, x)
-            j, reach = self.owner[e], ti.cast(0.0, float)
-            for k in ti.static(range(8)):
-                reach = ti.max(reach, self.margin[self.nodes[e][k]])
-            reach += self.radius[j]
-            if self.in_reach(low, high, j, reach, hulls, met, others):
-                self._look(e, low - reach, high + reach, width, widest)
-        ti.loop_config(serialize=True)
-        for q in range(self.count):
-            self.cursor[q] = self.start[q]
-            self.start[q + 1] = self.start[q + 1] + self.start[q]
-        ti.loop_config(serialize=self.serial)
-        for k in range(ti.min(self.state[1], self.room)):
-            self.found[ti.atomic_add(self.cursor[self.pairs[k][0]], 1)] = self.pairs[k][1]
+            self.element_box[place] = self._box(e)
+        ti.loop_config(serialize=self.serial, block_dim=16)
+        for n in range(self.boxes_of_nodes):
+            box = self.element_box[self.tree_first[n]]
+            low, high = box[:3], box[3:]
+            for place in range(self.tree_first[n] + 1, self.tree_last[n]):
+                box = self.element_box[place]
+                low, high = ti.min(low, box[:3]), ti.max(high, box[3:])
+            self.node_box[n] = box_around(low, high)
+        ti.loop_config(serialize=self.serial, block_dim=1)
+        for a in range(self.jellos):
+            self._meet(a)
         ti.loop_config(serialize=self.serial, block_dim=64)
         for q in range(self.count):
-            for k in range(self.start[q] + 1, self.start[q + 1]):  # insertion sort
-                e, place = self.found[k], k
-                while place > self.start[q] and self.found[place - 1] > e:
-                    self.found[place] = self.found[place - 1]
-                    place -= 1
-                self.found[place] = e
+            self._list(q, x)
         return self.state[1]
 
     @ti.func
-    def in_reach(self, low, high, j, reach, hulls: ti.template(), met: ti.template(), others: ti.template()):
-        """Whether something of jello j in the box from `low` to `high`, that far around, may touch another one."""
-        middle, half, inside = 0.5 * (low + high), 0.5 * (high - low), False
-        for k in range(met[j], met[j + 1]):
-            if not inside:
-                within, b = True, others[k]
-                for axis in ti.static(range(AXIS_COUNT)):
-                    if within:
-                        u = ti.Vector(ti.static([float(a) for a in AXES[axis]]))
-                        at, far = u.dot(middle), abs(u).dot(half) + ti.static(float(LENGTHS[axis])) * reach
-                        within = at + far >= hulls[b, axis] and at - far <= hulls[b, axis + AXIS_COUNT]
-                inside = within
-        return inside
-
-    @ti.func
-    def _look(self, e, low, high, width, widest):
-        """Note the points in the bins of the cells that the box from `low` to `high` meets, grown by the widest reach
-        of a point, and those that reach farther; or all points, if they are fewer than the rows of cells."""
-        first, last = ti.floor((low - widest) / width, ti.i32), ti.floor((high + widest) / width, ti.i32)
-        n = last - first + 1
-        self.note_all(self.bins, self.bins + 1, e, low, high, ti.Vector([0, 0]), 0.0)
-        if float(n[0]) * n[1] > self.count or n[2] > self.bins:
-            self.note_all(0, self.bins, e, low, high, ti.Vector([0, 0]), 0.0)
-        else:
-            for i in range(first[0], last[0] + 1):
-                for j in range(first[1], last[1] + 1):
-                    row, start = ti.Vector([i, j]), self.bin_at(ti.Vector([i, j, first[2]]))
-                    end = start + n[2]
-                    self.note_all(start, ti.min(end, self.bins), e, low, high, row, width)
-                    self.note_all(0, end - self.bins, e, low, high, row, width)
-
-    @ti.func
-    def watch(self, first, last, x, v, dt):
-        """Mark the lists as stale if one of the particles first … last - 1 may leave its margin in the next step."""
+    def _follow(self, j, x, v):
+        """The centre, speed and axes of jello j; `most`, for now, is how fast its particles move beside it."""
+        first, last = self.first[j], self.first[j + 1]
+        centre, drift, shape, squares = 0.0 * x[first], 0.0 * v[first], ti.Matrix.zero(float, 3, 3), 0.0 * x[first][0]
         for i in range(first, last):
-            if (x[i] - self.ref[i]).norm() + dt * v[i].norm() > SPARE * self.margin[i]:
+            centre += x[i]
+            drift += v[i]
+        centre /= float(last - first)
+        drift /= float(last - first)
+        for i in range(first, last):
+            shape += (x[i] - centre).outer_product(self.lever[i])
+            squares += (v[i] - drift).dot(v[i] - drift)
+        axes = axes_of(shape)
+        self.centre[j], self.drift[j], self.most[j] = centre, drift, ti.sqrt(squares / float(last - first))
+        for k in ti.static(range(9)):
+            self.axes[j][k] = axes[k // 3, k % 3]
+
+    @ti.func
+    def _set_time(self, t, least):
+        """The lists are made t seconds after the frame began, and last until jellos have gone by each other by AHEAD,
+        or for `least` [s]."""
+        middle, fastest = 0.0 * self.drift[0], 0.0 * t
+        for j in range(self.jellos):
+            middle += self.drift[j] / float(self.jellos)
+        for j in range(self.jellos):
+            fastest = ti.max(fastest, 2.0 * (self.drift[j] - middle).norm())
+        self.clock[0] = t
+        self.clock[1] = ti.math.clamp(AHEAD * self.least_spacing / ti.max(fastest, TINY), least, LONGEST * least)
+
+    @ti.func
+    def _widen(self, j, x, v, dt, frame_dt, least, most):
+        """The margins of all particles of jello j, and its hull."""
+        usual = self.most[j]
+        wide = ti.math.clamp(1.5 * frame_dt * usual, least * self.spacing[j], most * self.spacing[j])
+        low, high = x[self.first[j]], x[self.first[j]]
+        for i in range(self.first[j], self.first[j + 1]):
+            speed = (v[i] - self.drift[j]).norm()
+            margin = ti.max(wide, ti.select(speed > 2.0 * usual, 8.0, 3.0) * dt * speed)  # few are quicker than that
+            self.margin[i], self.ref[i], self.own_x[i] = margin, x[i], self.along(j, x[i] - self.centre[j])
+            low, high = ti.min(low, x[i] - margin), ti.max(high, x[i] + margin)
+        self.hull[j] = box_around(low - self.radius[j], high + self.radius[j])
+
+    @ti.func
+    def _box(self, e):
+        """The box of element e along the axes of its jello, with its margin."""
+        i = self.nodes[e][0]
+        low, high, reach = self.own_x[i], self.own_x[i], self.margin[i]
+        for k in ti.static(range(1, 8)):
+            i = self.nodes[e][k]
+            low, high, reach = ti.min(low, self.own_x[i]), ti.max(high, self.own_x[i]), ti.max(reach, self.margin[i])
+        reach += self.radius[self.owner[e]]
+        return box_around(low - reach, high + reach)
+
+    @ti.func
+    def _meet(self, a):
+        """The jellos that jello a may meet, in ascending order; -1 behind the last one."""
+        met, low, high = 0, self.hull[a][:3], self.hull[a][3:]
+        for b in range(self.jellos):
+            meets = a != b and self.others
+            if ti.static(self.with_self):
+                meets = meets or (a == b and self.alone[a] == 1)
+            way = self.clock[1] * (self.drift[a] - self.drift[b])
+            if meets and meet(self.hull[b], low + ti.min(way, 0.0), high + ti.max(way, 0.0)):
+                self.met[a * self.jellos + met] = b
+                met += 1
+        self.meets_any[a] = met > 0
+        if met < self.jellos:
+            self.met[a * self.jellos + met] = -1
+
+    @ti.func
+    def _list(self, q, x):
+        """List what is near point q."""
+        a, p, reach = self.jello[self.points[q]], self.at(q, x), self.reach_of(q)
+        listed, place, k = 0, 0, 0
+        while k < self.jellos and self.met[a * self.jellos + k] >= 0:
+            b = self.met[a * self.jellos + k]
+            k += 1
+            here = self.along(b, p - self.centre[b])
+            there = here + self.along(b, self.clock[1] * (self.drift[a] - self.drift[b]))
+            low, high = ti.min(here, there) - reach, ti.max(here, there) + reach
+            n = self.tree_start[b]
+            while n < self.tree_start[b + 1]:
+                if not meet(self.node_box[n], low, high):
+                    n = self.tree_skip[n]
+                else:
+                    if self.tree_skip[n] == n + 1:
+                        for other in range(self.tree_first[n], self.tree_last[n]):
+                            e = self.tree_order[other]
+                            if meet(self.element_box[other], low, high) and self._may_touch(q, e, a == b):
+                                place = self._append(q, listed, place, e)
+                                listed += place >= 0
+                    n += 1
+        self.listed[q] = listed
+        if listed > 0:
+            self.busy[ti.atomic_add(self.state[2], 1)] = q
+
+    @ti.func
+    def _may_touch(self, q, e, own):
+        meets = True
+        if ti.static(self.with_self):  # noqa: SIM102 - decided when it is compiled
+            if own:
+                apart = (self.rest[self.points[q]] - self.rest[self.nodes[e][0]]).norm()
+                meets = apart > self.apart[self.owner[e]]
+        return meets
+
+    @ti.func
+    def _append(self, q, listed, place, e):
+        """Add element e to the list of point q, which has `listed` until now; returns the place behind it, less than 0
+        if there is no room."""
+        to = place
+        if listed % (ROW - 1) == 0:
+            row = ti.atomic_add(self.state[1], 1)
+            to = -1
+            if row < self.rows:
+                to = row * ROW
+                if listed == 0:
+                    self.start[q] = to
+                else:
+                    self.found[place] = to
+        if to >= 0:
+            self.is_found[e], self.found[to] = 1, e
+            to += 1
+        return to
+
+    @ti.func
+    def next(self, place):
+        """The element at a place of a list, and the next place."""
+        e, after = self.found[place], place + 1
+        if after % ROW == ROW - 1:
+            after = self.found[after]
+        return e, after
+
+    @ti.func
+    def watch(self, first, last, x, v, t, dt):
+        """Mark the lists as stale if one of the particles first … last - 1 may leave its margin in the next step."""
+        since = t - self.clock[0]
+        for i in range(first, last):
+            drift = self.drift[self.jello[i]]
+            strays = (x[i] - self.ref[i] - since * drift).norm() + dt * (v[i] - drift).norm()
+            if strays > SPARE * self.margin[i] or since + dt > self.clock[1] or since < -0.5 * dt:
                 self.state[0] = 1
+
+
+def levers(body: Body) -> np.ndarray:
+    """(N, 3): by which the places of a jello's particles give its stretch and turn, Σ x ⊗ lever, by least squares."""
+    found = np.zeros((len(body), 3))
+    for j in range(int(body.jello.max()) + 1):
+        own = body.jello == j
+        arm = body.rest[own] - body.rest[own].mean(0)
+        found[own] = arm @ np.linalg.pinv(arm.T @ arm, rcond=1e-6)
+    return found

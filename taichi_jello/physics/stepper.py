@@ -47,7 +47,7 @@ class Stepper:
                 self.integrator.begin(self.system, first, last, start * dt)
             for step in range(start, stop):
                 if ti.static(len(self.watched) > 0):
-                    self._watch(first, last, dt)
+                    self._watch(first, last, step * dt, dt)
                     self.system.wait_for_team()
                     if not self._stale():
                         self._one_step(first, last, origin, step, stop, dt)
@@ -79,9 +79,9 @@ class Stepper:
             self.system.look(first, last, self.system.state.x, self.system.state.v, self.integrator.looks_at * dt)
 
     @ti.func
-    def _watch(self, first, last, dt):
+    def _watch(self, first, last, t, dt):
         for force in ti.static(self.watched):
-            force.watch(first, last, self.system.state.x, self.system.state.v, dt)
+            force.watch(first, last, self.system.state.x, self.system.state.v, t, dt)
 
     @ti.func
     def _stale(self):
@@ -132,7 +132,7 @@ class Stepper:
     def _parallel_watch(self, step: int, dt: float):
         if not self._stale():
             self.reached[0] = step
-        self._watch(0, self.count, dt)
+        self._watch(0, self.count, step * dt, dt)
         self._look_ahead(0, ti.select(self._stale(), 0, self.count), dt)
 
     @ti.kernel

@@ -203,18 +203,16 @@ class System:
             sweep.look_out(self._good[:, 3:], dt)
         origin = first
         while first < last:
-            self._refresh(dt)
+            self._refresh(first * dt, dt)
             first = self.stepper.go(origin, first, last, dt)
             if first < last:
                 self._forget()
 
-    def _refresh(self, dt: float) -> None:
+    def _refresh(self, t: float, dt: float) -> None:
         """Have forces bring up to date what they keep for many steps, where they do not know that it is."""
-        if not all(force.fresh for force in self.watched):
-            now = np.empty_like(self._good)
-            self._read(now)
-            for force in self.watched:
-                force.refresh(now[:, :3], now[:, 3:], self.state.x, dt)
+        for force in self.watched:
+            if not force.fresh:
+                force.refresh(self.state.x, self.state.v, t, dt)
 
     def _forget(self) -> None:
         for force in self.watched:
@@ -235,7 +233,7 @@ class System:
         self.changes.begin(start, self._good[:, :3])
         for force in self.all_forces:
             force.begin_frame(start, end)
-        self._refresh(end - start)
+        self._refresh(0.0, end - start)
         return gained
 
     def write(self, x: np.ndarray, v: np.ndarray) -> None:

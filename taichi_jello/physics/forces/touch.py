@@ -84,9 +84,16 @@ class Touch(ParticleForce):
 
     @ti.func
     def prepare(self, first, last, x, v, t):
-        for q in range(first, last):
+        busy = self.near.state[2]
+        for k in range(self.share_of(first, busy), self.share_of(last, busy)):
+            q = self.near.busy[k]
             for contact in range(q * AT_ONCE, q * AT_ONCE + self.contacts.own[q]):
                 self.force[contact] = self.press(contact, x, v)
+
+    @ti.func
+    def share_of(self, point, busy):
+        """Where the points that are near something are cut between the team, if all points are cut at `point`."""
+        return ti.cast(ti.cast(point, ti.i64) * busy // self.points, ti.i32)
 
     @ti.func
     def press(self, contact, x, v):
@@ -203,8 +210,11 @@ class Touch(ParticleForce):
                 total = self.lost(self.contacts.point_of[i], x, v)
         return total
 
-    def refresh(self, x, v, positions, dt):
-        self.near.refresh(x, v, positions, dt, self.frame_dt)
+    def begin_frame(self, start, end):
+        self.near.begin_frame(start)
+
+    def refresh(self, x, v, t, dt):
+        self.near.refresh(x, v, t, dt, self.frame_dt)
 
     @property
     def fresh(self):
@@ -214,8 +224,8 @@ class Touch(ParticleForce):
         self.near.fresh = False
 
     @ti.func
-    def watch(self, first, last, x, v, dt):
-        self.near.watch(first, last, x, v, dt)
+    def watch(self, first, last, x, v, t, dt):
+        self.near.watch(first, last, x, v, t, dt)
 
     @ti.func
     def stale(self):
