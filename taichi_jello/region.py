@@ -1,4 +1,4 @@
-"""Parts of a jello whose springs are stiffer, softer or more damped than the rest."""
+"""Parts of a jello that are stiffer, softer, more damped, heavier or lighter than the rest."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -41,7 +41,8 @@ class Region(Checked):
 
     stiffness [N/m] and damping [N·s/m] of these springs, or tables by family; where left out they stay as they are.
     stiffness_factor and damping_factor multiply what the springs have: one number, or an x by y by z array of them that
-    is linear between its nodes, which span the box `min` to `max`, or a function of the places (n, 3).
+    is linear between its nodes, which span the box `min` to `max`, or a function of the places (n, 3). mass_factor, in
+    the same ways, multiplies the masses of the points that lie there.
     """
 
     min: Vector = (0.0, 0.0, 0.0)
@@ -52,6 +53,7 @@ class Region(Checked):
     damping: Any = None
     stiffness_factor: Any = 1.0
     damping_factor: Any = 1.0
+    mass_factor: Any = 1.0
 
     def check(self) -> dict[str, Any]:
         low, high = vector("min", self.min), vector("max", self.max)
@@ -63,7 +65,8 @@ class Region(Checked):
         for name in ("stiffness", "damping"):
             if getattr(self, name) is not None:
                 checked[name] = by_family(name, getattr(self, name))
-            checked[f"{name}_factor"] = painted(f"{name}_factor", getattr(self, f"{name}_factor"))
+        for name in ("stiffness_factor", "damping_factor", "mass_factor"):
+            checked[name] = painted(name, getattr(self, name))
         return checked
 
     def holds(self, where: np.ndarray) -> np.ndarray:
@@ -73,7 +76,7 @@ class Region(Checked):
         return np.all((where >= np.array(self.min) - 1e-9) & (where <= np.array(self.max) + 1e-9), axis=1)
 
     def factor(self, name: str, where: np.ndarray) -> np.ndarray:
-        """(n,) by how much the springs at the places (n, 3) are multiplied."""
+        """(n,) by how much the springs or points at the places (n, 3) are multiplied."""
         value = getattr(self, name)
         if not callable(value):
             return np.full(len(where), value) if isinstance(value, float) else self._between_nodes(value, where)
@@ -103,13 +106,15 @@ def _called(name: str, function: Callable[[np.ndarray], Any], where: np.ndarray)
 
 
 def divided(body: Body, regions: tuple[Region, ...]) -> dict[str, np.ndarray]:
-    """stiffness [N/m] and damping [N·s/m] (S,) of the springs of `body`; a later region goes over an earlier one.
-    Raises SceneError for a region that no spring lies in."""
+    """stiffness [N/m] and damping [N·s/m] (S,) of the springs of `body` and mass [kg] (N,) of its points; a later
+    region goes over an earlier one. Raises SceneError for a region that nothing lies in which it is about, and for a
+    mass of 0."""
     middle = places(body.rest, body.rest[body.springs].mean(1)) if len(body.springs) else np.zeros((0, 3))
+    point, mass = places(body.rest, body.rest), body.mass.copy()
     made = {"stiffness": body.stiffness.copy(), "damping": body.damping.copy()}
     for index, region in enumerate(regions):
-        inside = region.holds(middle)
-        if not inside.any():
+        inside, weighs = region.holds(middle), region.holds(point) & (region.mass_factor != 1.0)
+        if not (inside.any() or weighs.any()):
             raise SceneError(
                 f"region.{index}", "expected a part of the body, 0 to 1 along each axis; no spring's middle lies in it"
             )
@@ -120,8 +125,12 @@ def divided(body: Body, regions: tuple[Region, ...]) -> dict[str, np.ndarray]:
                 values[inside] = values[inside] if table else given
                 for family in table:
                     values[inside & (body.family == FAMILIES.index(family))] = table[family]
-            try:
+        try:
+            for name, values in made.items():
                 values[inside] *= region.factor(f"{name}_factor", middle[inside])
-            except SceneError as error:
-                raise error.within(f"region.{index}") from None
-    return made
+            mass[weighs] *= region.factor("mass_factor", point[weighs])
+            if not (mass > 0.0).all():
+                raise SceneError("mass_factor", "expected factors above 0, for every point has a mass")
+        except SceneError as error:
+            raise error.within(f"region.{index}") from None
+    return made | {"mass": mass}

@@ -79,3 +79,21 @@ def test_lists_of_parts_are_checked():
         Box(region=[Region(), 3])
     with pytest.raises(SceneError, match="region: expected a list of Region"):
         Box(region="soft")
+
+
+def test_points_inside_weigh_more():
+    """A box, a painted grid and a function; a region may hold a single point and no spring."""
+    body = built(Box(region=[Region(max=(1, 0.5, 1), mass_factor=10.0)], **CUBE))
+    below = body.rest[:, 1] <= 1e-9
+    assert body.mass == pytest.approx(np.where(below, 10.0, 1.0) / len(body))
+    ramp = built(Box(region=[Region(mass_factor=[[[1.0]], [[3.0]]])], **CUBE))
+    called = built(Box(region=[Region(mass_factor=lambda p: 1.0 + 2.0 * p[:, 0])], **CUBE))
+    assert ramp.mass == pytest.approx((2.0 + 2.0 * ramp.rest[:, 0]) / len(body)) == called.mass
+    corner = built(Box(region=[Region(max=(0, 0, 0), mass_factor=1e4)], **CUBE))
+    assert corner.mass.max() == pytest.approx(1e4 / len(body)) and (corner.mass > 1.0 / len(body)).sum() == 1
+
+
+@pytest.mark.parametrize("factor", [0.0, lambda p: p[:, 0], [[[1.0, 0.0]]]])
+def test_no_point_is_without_mass(factor):
+    with pytest.raises(SceneError, match="mass_factor: expected factors above 0"):
+        built(Box(region=[Region(mass_factor=factor)], **CUBE))

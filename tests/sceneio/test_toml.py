@@ -51,7 +51,7 @@ EVERYTHING = Scene(
             pin=[Pin(), Pin(max=(0.0, 1.0, 1.0))],
             region=[
                 Region(center=(0, 0, 0), radius=0.5, damping=3.0),
-                Region(stiffness_factor=RANDOM.random((3, 4, 2))),
+                Region(stiffness_factor=RANDOM.random((3, 4, 2)), mass_factor=2.0),
             ],
             keyframe=[Keyframe(time=0.5), Keyframe(time=1.0, stiffness=0.0, freeze=True)],
             x=RANDOM.random((8, 3)),
