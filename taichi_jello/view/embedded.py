@@ -4,10 +4,8 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.body import Body
-from taichi_jello.view.rows import Array2, Index2, row, vec3
+from taichi_jello.view.rows import Array2, Index1, Index2, row, vec3
 from taichi_jello.view.subdivide import smooth_patches
-
-Index1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
 
 
 @ti.kernel

@@ -15,7 +15,7 @@ Pixels = ti.types.ndarray(dtype=ti.i64, ndim=2)
 Image = ti.types.ndarray(dtype=ti.u8, ndim=3)
 SLACK = 1e-4  # pixels by which a triangle is widened: rounding must leave no gap between neighbours
 LEVEL = 1.0 + 2e-6  # a skin this much behind what is there still counts as before it
-TILE = 16
+TILE = (16, 64)  # columns and rows
 BAND = 8  # rows of the picture that one thread blends
 
 
@@ -240,11 +240,11 @@ def resolve_columns(pixels: Pixels, columns: ti.types.ndarray(dtype=ti.u32, ndim
     """The same as GGUI shows pictures: columns first, upwards, a pixel's four bytes in one word.
 
     Tile by tile: one of the two is always walked across its memory, and a tile stays in the cache."""
-    wide, high = (columns.shape[0] + TILE - 1) // TILE, (columns.shape[1] + TILE - 1) // TILE
+    wide, high = (columns.shape[0] + TILE[0] - 1) // TILE[0], (columns.shape[1] + TILE[1] - 1) // TILE[1]
     ti.loop_config(block_dim=16)
     for tile in range(wide * high):
-        left, top = tile % wide * TILE, tile // wide * TILE
-        for x in range(left, ti.min(left + TILE, columns.shape[0])):
-            for y in range(top, ti.min(top + TILE, columns.shape[1])):
+        left, top = tile % wide * TILE[0], tile // wide * TILE[1]
+        for x in range(left, ti.min(left + TILE[0], columns.shape[0])):
+            for y in range(top, ti.min(top + TILE[1], columns.shape[1])):
                 color = ti.cast(mean_color(pixels, y, x, samples), ti.u32)
                 columns[x, columns.shape[1] - 1 - y] = color[0] | color[1] << 8 | color[2] << 16 | ti.u32(0xFF000000)

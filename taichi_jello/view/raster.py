@@ -25,6 +25,7 @@ class Raster:
         width, height = size
         self._pixels = np.zeros((height * samples, width * samples), np.int64)
         self._image = np.zeros((height, width, 3), np.uint8)
+        self._columns: list[np.ndarray] = []
         self._box, self._edge = np.zeros((0, 4), np.int32), np.zeros((0, 9), np.float32)
 
     def draw(self, drawing: Drawing, viewpoint: Viewpoint) -> None:
@@ -61,11 +62,14 @@ class Raster:
         return self._image.copy()
 
     def columns(self) -> np.ndarray:
-        """(width, height) uint32: what was drawn last as GGUI's canvas takes it, columns first and upwards."""
+        """(width, height) uint32: what was drawn last as GGUI's canvas takes it, columns first and upwards. It stays
+        so until two more have been asked for."""
         runtime.check(self._runtime)
-        columns = np.empty(self.size, np.uint32)
-        fill.resolve_columns(self._pixels, columns, self.samples)
-        return columns
+        if len(self._columns) < 2:
+            self._columns = [np.zeros(self.size, np.uint32) for _ in range(2)]
+        self._columns.reverse()
+        fill.resolve_columns(self._pixels, self._columns[0], self.samples)
+        return self._columns[0]
 
     def close(self) -> None:
         """Let go of the picture's memory."""

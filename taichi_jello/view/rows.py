@@ -2,8 +2,10 @@
 
 import taichi as ti
 
+Array1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
 Array2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
 Index2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
+Index1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
 vec3 = ti.types.vector(3, ti.f32)
 
 

@@ -7,17 +7,18 @@ import taichi as ti
 from taichi_jello.view import palette
 from taichi_jello.view.primitives import Triangles
 from taichi_jello.view.rows import Array2, Index2, row, vec3
-from taichi_jello.view.shading import ground, mix, nearer
-from taichi_jello.view.surroundings import REACH, Surface
+from taichi_jello.view.shading import ground
+from taichi_jello.view.surroundings import Surface
 
 CELLS = 80  # cells along each side of the grid
 ACROSS = 36  # cells across the casters at rest
 TAPS = 8  # cells that a blur reaches to either side
+LANES = 16  # cells that vector units take at once
 NOTHING = 1e9
 DARKEST = 0.46
 FAINTER = 0.35  # 1/m; how fast a shadow pales as its caster rises
 FAINTEST = 1.0 / 512.0  # darkness that no pixel shows
-DARK = palette.SHADOW.astype(np.float32).reshape(1, 3)
+DARK = vec3(*palette.SHADOW)
 LIFT = 0.0004  # of the distance to the eye: over the ground, under the grid lines
 # Steeper than the lamp that shades: the shadow stays near the foot of its jello, where it tells the height.
 SUN = np.array([-0.22, 1.0, 0.20])
@@ -61,18 +62,39 @@ def cast(x: Array2, faces: Index2, plane: Array2, heights: Array2):
                     ti.atomic_min(heights[i, j], ti.max((low[2] + high[2]) * 0.5, 0.0))
 
 
-def blur(cover: np.ndarray, heights: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
+@ti.kernel
+def blur(cover: Array2, heights: Array2, cell: ti.f32, covered: Array2, mean: Array2):
     """One axis of a blur of (cover, mean height) that reaches farther for higher casters, with the axes swapped:
-    twice is a whole blur."""
-    reach = 2.6 + np.minimum(heights * np.float32(0.16 / cell), TAPS - 1.6)
-    dark, inverse = cover * (0.75 / reach), 1.0 / reach
-    covered, high = np.zeros_like(cover), np.zeros_like(cover)
-    for tap in range(-TAPS, TAPS + 1):
-        here, there = slice(max(0, -tap), CELLS - max(0, tap)), slice(max(0, tap), CELLS - max(0, -tap))
-        weight = dark[there] * np.maximum(1.0 - (tap * inverse[there]) ** 2, 0.0)
-        covered[here] += weight
-        high[here] += weight * heights[there]
-    return covered.T, (high / np.maximum(covered, np.float32(1e-9))).T
+    twice is a whole blur. LANES cells of a row at once."""
+    ti.loop_config(block_dim=64)
+    for block in range(CELLS * CELLS // LANES):
+        i, first = block // (CELLS // LANES), block % (CELLS // LANES) * LANES
+        dark, high = ti.Vector([0.0] * LANES), ti.Vector([0.0] * LANES)
+        for k in range(ti.max(i - TAPS, 0), ti.min(i + TAPS + 1, CELLS)):
+            for lane in range(LANES):
+                height = heights[k, first + lane]
+                near = 1.0 / (2.6 + ti.min(height * (0.16 / cell), TAPS - 1.6))
+                away = (k - i) * near
+                weight = 0.75 * cover[k, first + lane] * near * ti.max(1.0 - away * away, 0.0)
+                dark[lane] += weight
+                high[lane] += weight * height
+        for lane in range(LANES):
+            covered[first + lane, i], mean[first + lane, i] = dark[lane], high[lane] / ti.max(dark[lane], 1e-9)
+
+
+@ti.kernel
+def paint(cover: Array2, heights: Array2, plane: Array2, look: Array2, x: Array2, rgb: Array2, darkness: Array2):
+    """The grid's points x [m], nearer to the eye by LIFT, their colours and how dark the shadow is there; `plane`'s two
+    axes are here those of one cell [m]."""
+    ti.loop_config(block_dim=256)
+    for i, j in ti.ndrange(CELLS, CELLS):
+        dark = ti.min(cover[i, j] * DARKEST / (1.0 + FAINTER * heights[i, j]), DARKEST)
+        p, cell = row(plane, 0) + i * row(plane, 1) + j * row(plane, 2), i * CELLS + j
+        color = ti.math.mix(ground(p, row(plane, 3), look), DARK, dark)
+        p += (row(look, 0) - p) * LIFT
+        darkness[i, j] = dark
+        for k in ti.static(range(3)):
+            x[cell, k], rgb[cell, k] = p[k], color[k]
 
 
 def _grid_faces() -> np.ndarray:
@@ -89,15 +111,17 @@ class Shadow:
         self.faces = np.ascontiguousarray(faces, np.int32)
         self.normal = surface.normal[0]
         self.axes = np.stack([_across(self.normal), np.cross(self.normal, _across(self.normal))])
+        # A point p casts its shadow at p - SUN (p·n) / (SUN·n).
+        self._down = ((np.eye(3) - np.outer(self.normal, SUN) / (SUN @ self.normal)) @ self.axes.T).astype(np.float32)
         flat = surface.points @ self.axes.T
         self.bounds = np.array([flat.min(0), flat.max(0)])
         self.cell = max(extent, 1e-6) / ACROSS
         self._faces = _grid_faces()
         self.triangles = Triangles.empty(CELLS * CELLS, self._faces)
         self._used = np.unique(self.faces)
-        self._heights = np.zeros((CELLS, CELLS), np.float32)
-        self._normals = np.tile(self.normal, (CELLS * CELLS, 1)).astype(np.float32)
-        self._steps = np.indices((CELLS, CELLS)).reshape(2, -1).T
+        self._heights, self._dark = (np.zeros((CELLS, CELLS), np.float32) for _ in range(2))
+        self._rgb = np.zeros((CELLS * CELLS, 3), np.float32)
+        self._half, self._whole = (np.zeros((2, CELLS, CELLS), np.float32) for _ in range(2))
 
     def update(self, x: np.ndarray, origin: np.ndarray, look: np.ndarray) -> None:
         """x (points, 3) float32 that `faces` index [m]; origin (3,) of the surface [m]."""
@@ -105,31 +129,21 @@ class Shadow:
         base = origin + corner @ self.axes
         plane = np.stack([base, *(self.axes / cell), self.normal, SUN]).astype(np.float32)
         cast(x, self.faces, plane, self._heights)
-        cover, heights = blur((self._heights < NOTHING).astype(np.float32), self._heights, cell)
-        cover, heights = blur(cover, heights, cell)
-        darkness = np.minimum(cover * DARKEST / (1.0 + FAINTER * heights), DARKEST)
-        self._paint(darkness, base, cell, look)
-
-    def _paint(self, darkness: np.ndarray, base: np.ndarray, cell: float, look: np.ndarray) -> None:
-        """Only where there is a shadow: elsewhere the floor itself shows."""
-        dark = darkness > FAINTEST
+        blur((self._heights < NOTHING).astype(np.float32), self._heights, cell, *self._half)
+        blur(*self._half, cell, *self._whole)
+        plane[1:3] = cell * self.axes
+        paint(*self._whole, plane, look, self.triangles.x, self._rgb, self._dark)
+        self.triangles.rgba[:, :3] = self._rgb
+        dark = self._dark > FAINTEST  # elsewhere the floor itself shows
         quads = dark[:-1, :-1] | dark[1:, :-1] | dark[:-1, 1:] | dark[1:, 1:]
         self.triangles.index = self._faces[np.repeat(quads.ravel(), 2)]
-        used = np.zeros((CELLS, CELLS), bool)
-        for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            used[i : CELLS - 1 + i, j : CELLS - 1 + j] |= quads
-        which = np.flatnonzero(used)
-        points = (base + cell * (self._steps[which] @ self.axes)).astype(np.float32)
-        color = ground(points, self._normals[which], look, REACH)
-        self.triangles.x[which] = nearer(points, look, LIFT)
-        self.triangles.rgba[which, :3] = mix(color, DARK, darkness.ravel()[which, None])
 
     def _place(self, points: np.ndarray) -> tuple[np.ndarray, float]:
         """The grid's corner (2,) on the plane [m] and its cell [m]: whole cells, so that a shadow does not
         shimmer."""
-        height = points @ self.normal
-        foot = (points - np.outer(height / (SUN @ self.normal), SUN)) @ self.axes.T
-        foot = foot[np.isfinite(foot).all(1)]
+        foot = points @ self._down
+        if not np.isfinite(foot.sum()):
+            foot = foot[np.isfinite(foot).all(1)]
         if not len(foot):
             return np.zeros(2), self.cell
         low, high = np.maximum(foot.min(0), self.bounds[0]), np.minimum(foot.max(0), self.bounds[1])

@@ -2,13 +2,76 @@
 from back to front."""
 
 import numpy as np
+import taichi as ti
 
 from taichi_jello.body import Body
 from taichi_jello.view import palette
 from taichi_jello.view.embedded import Embedded
 from taichi_jello.view.primitives import Triangles
-from taichi_jello.view.shading import gel, unit
-from taichi_jello.view.subdivide import Fine, subdivide
+from taichi_jello.view.rows import Array1, Array2, Index1, Index2, row, vec3
+from taichi_jello.view.shading import gel
+from taichi_jello.view.subdivide import subdivide
+
+
+@ti.kernel
+def cover(
+    x: Array2,
+    surface: Index2,
+    flat: Array2,
+    corner_start: Index1,
+    corner_face: Index1,
+    corner: Array2,
+    parent: Index2,
+    share: Array2,
+    start: Index1,
+    item: Index1,
+    weight: Array1,
+    points: Array2,
+    normal: Array2,
+):
+    """Fine `points` over the triangles `surface` of particles x, and their normals. flat: the triangles' normals, as
+    long as twice their area; corner: the normals of their corners over the faces of one smooth patch; see Fine."""
+    ti.loop_config(block_dim=1024)
+    for t in range(surface.shape[0]):
+        a = row(x, surface[t, 0])
+        n = (row(x, surface[t, 1]) - a).cross(row(x, surface[t, 2]) - a)
+        for axis in ti.static(range(3)):
+            flat[t, axis] = n[axis]
+    ti.loop_config(block_dim=1024)
+    for c in range(corner.shape[0]):
+        n = vec3(0.0)
+        for k in range(corner_start[c], corner_start[c + 1]):
+            n += row(flat, corner_face[k])
+        n = n.normalized(1e-20)
+        for axis in ti.static(range(3)):
+            corner[c, axis] = n[axis]
+    ti.loop_config(block_dim=1024)
+    for i in range(parent.shape[0]):
+        p, n = vec3(0.0), vec3(0.0)
+        for k in ti.static(range(3)):
+            p += share[i, k] * row(x, parent[i, k])
+        for k in range(start[i], start[i + 1]):
+            n += weight[k] * row(corner, item[k])
+        n = n.normalized(1e-20)
+        for axis in ti.static(range(3)):
+            points[i, axis], normal[i, axis] = p[axis], n[axis]
+
+
+@ti.kernel
+def shade(x: Array2, normal: Array2, albedo: Array2, index: Index2, look: Array2, rgba: Array2, away: Array1):
+    """The colours of the skin's points, and how far its triangles are from the eye [m]: below zero if they show
+    their inner side."""
+    ti.loop_config(block_dim=1024)
+    for i in range(x.shape[0]):
+        color = gel(row(albedo, i), row(x, i), row(normal, i), look)
+        for k in ti.static(range(4)):
+            rgba[i, k] = color[k]
+    ti.loop_config(block_dim=1024)
+    for t in range(index.shape[0]):
+        a = row(x, index[t, 0])
+        seen = a - row(look, 0)
+        outer = (row(x, index[t, 1]) - a).cross(row(x, index[t, 2]) - a).dot(seen) < 0.0
+        away[t] = seen.norm() if outer else -seen.norm()
 
 
 class Skin:
@@ -27,41 +90,37 @@ class Skin:
         if embedded is not None:
             jello.append(embedded.jello)
             index.append(embedded.index + self.count)
-        owner, self.index = np.concatenate(jello), np.concatenate(index)
+        owner, self.index = np.concatenate(jello), np.ascontiguousarray(np.concatenate(index), np.int32)
         self.albedo = palette.skin(owner).astype(np.float32)
         self.owner = owner[self.index[:, 0]]
         self.triangles = Triangles.empty(len(owner), self.index)
         self._normal = np.zeros((len(owner), 3), np.float32)
+        self._away = np.zeros(len(self.index), np.float32)
+        self._flat = np.zeros((len(self.surface), 3), np.float32)
+        self._corner = np.zeros((3 * len(self.surface), 3), np.float32)
 
     def place(self, x: np.ndarray, skin: np.ndarray) -> None:
         """Put the triangles where particles at x (N, 3) and points of embedded skins at skin (P, 3) [m] carry them."""
-        out = self.triangles
-        if self.fine is not None:
-            self._over_surface(self.fine, x)
+        out, f = self.triangles, self.fine
+        if f is not None:
+            surface = self.surface, self._flat, f.corner_start, f.corner_face, self._corner
+            fine = f.parent, f.share, f.start, f.item, f.weight
+            cover(x, *surface, *fine, out.x[: self.count], self._normal[: self.count])
         if self.embedded is not None:
             out.x[self.count :], self._normal[self.count :] = skin, self.embedded.normals
 
     def shade(self, look: np.ndarray) -> None:
         """Colour them and put them in order, where they are now."""
         out = self.triangles
-        out.rgba[:] = gel(self.albedo, out.x, self._normal, look)
-        out.index = self.index[self._order(look[0])]
+        shade(out.x, self._normal, self.albedo, self.index, look, out.rgba, self._away)
+        out.index = self.index[self._order()]
 
-    def _over_surface(self, f: Fine, x: np.ndarray) -> None:
-        """Face normals, then corner normals over the faces of one smooth patch, then the fine points."""
-        a, b, c = (x[self.surface[:, k]] for k in range(3))
-        flat = np.cross(b - a, c - a)
-        corner = unit(np.add.reduceat(flat[f.corner_face], f.corner_start[:-1]))
-        self._normal[: self.count] = unit(np.add.reduceat(f.weight[:, None] * corner[f.item], f.start[:-1]))
-        self.triangles.x[: self.count] = sum(f.share[:, k, None] * x[f.parent[:, k]] for k in range(3))
-
-    def _order(self, eye: np.ndarray) -> np.ndarray:
+    def _order(self) -> np.ndarray:
         """(F,) triangles from back to front: the farther jello first, then inner sides, then the farther
         triangle."""
-        a, b, c = (self.triangles.x[self.index[:, k]] for k in range(3))
-        seen = a - eye
-        outer = np.einsum("ij,ij->i", np.cross(b - a, c - a), seen) < 0.0
-        away = np.linalg.norm(seen, axis=1)
+        away = np.abs(self._away)
         count = np.bincount(self.owner)
         jello = np.bincount(self.owner, weights=away) / np.maximum(count, 1)
-        return np.lexsort((-away, outer, -jello[self.owner]))
+        later = 2 * np.argsort(np.argsort(-jello))[self.owner] + (self._away > 0.0)
+        # One whole number to sort by: the bits of a float that is not negative grow with it.
+        return np.argsort((later << 32) - away.view(np.int32), kind="stable")

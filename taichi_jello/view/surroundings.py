@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
+import taichi as ti
 
 from taichi_jello.scene import Collider, Scene
 from taichi_jello.view import palette
 from taichi_jello.view.primitives import WIDTH, Lines, Triangles
-from taichi_jello.view.shading import TOWARDS_EYE, clip, ground, matte, mix
+from taichi_jello.view.rows import Array2, Index1, row
+from taichi_jello.view.shading import REACH, TOWARDS_EYE, clip, ground, matte
 
-REACH = 11.0  # m; an endless plane is drawn this far from the origin
 GRID_SEEN = (0.12 * REACH, 0.66 * REACH)  # m from the origin; the grid lines fade out between the two
 
 
@@ -37,6 +38,19 @@ class Surface:
         return cls(collider, points, normal, faces, flat and bool(np.abs(height).max() < 1e-6 * REACH))
 
 
+@ti.kernel
+def paint(x: Array2, normal: Array2, solid: Index1, look: Array2, rgb: Array2):
+    """The colours of points on colliders, as a floor or where `solid` as an obstacle."""
+    ti.loop_config(block_dim=256)
+    for i in range(x.shape[0]):
+        p, n = row(x, i), row(normal, i)
+        color = ground(p, n, look)
+        if solid[i]:
+            color = matte(p, n, look)
+        for k in ti.static(range(3)):
+            rgb[i, k] = color[k]
+
+
 class Painted:
     """Points of colliders that move with them, shaded as a floor or as an obstacle."""
 
@@ -45,8 +59,8 @@ class Painted:
         self._base = np.concatenate(points).astype(np.float32)
         self._normal = np.concatenate(normal).astype(np.float32)
         self._owner = np.repeat(np.arange(len(sizes)), sizes)
-        is_solid = np.repeat(np.array(solid, bool), sizes)
-        self._floor, self._solid = np.flatnonzero(~is_solid), np.flatnonzero(is_solid)
+        self._solid = np.repeat(np.array(solid, np.int32), sizes)
+        self._rgb = np.zeros_like(self._base)  # written whole: Vulkan loses what a kernel leaves
 
     def __len__(self) -> int:
         return len(self._base)
@@ -54,10 +68,8 @@ class Painted:
     def paint(self, origins: np.ndarray, look: np.ndarray, x: np.ndarray, rgb: np.ndarray) -> None:
         """Set places x [m] and colours rgb for colliders at `origins` (colliders, 3) [m]."""
         np.add(self._base, origins[self._owner], out=x)
-        for which, shade in ((self._floor, lambda p, n: ground(p, n, look, REACH)),
-                             (self._solid, lambda p, n: matte(p, n, look))):  # fmt: skip
-            if len(which):
-                rgb[which] = shade(x[which], self._normal[which])
+        paint(x, self._normal, self._solid, look, self._rgb)
+        rgb[:] = self._rgb
 
 
 class Surroundings:
@@ -76,17 +88,23 @@ class Surroundings:
         self._edges = Painted(edges, upright, [False] * len(edges))
         self._seen = np.concatenate([_fading(e, c) for e, c in zip(edges, scene.collider, strict=True)])[:, None]
         self.lines = Lines.empty(len(self._edges) // 2, WIDTH)
+        self._painted = np.zeros(0, np.float32)
 
     def origins(self, time: float) -> np.ndarray:
         """(colliders, 3) [m]."""
         return np.array([s.collider.place(time) for s in self.surfaces], np.float32)
 
     def update(self, origins: np.ndarray, look: np.ndarray) -> None:
+        """Paint all, unless nothing has moved since."""
+        now = np.concatenate([origins, look])
+        if np.array_equal(now, self._painted):
+            return
+        self._painted = now
         if len(self._meshes):
             self._meshes.paint(origins, look, self.triangles.x, self.triangles.rgba[:, :3])
         if len(self._edges):
             self._edges.paint(origins, look, self.lines.x, self.lines.rgb)
-            self.lines.rgb[:] = mix(self.lines.rgb, palette.GRID, self._seen)
+            self.lines.rgb[:] += (palette.GRID - self.lines.rgb) * self._seen
             clip(self.lines.x, look, TOWARDS_EYE)
 
 
