@@ -49,6 +49,13 @@ def best_precision(request):
 
 
 @pytest.fixture
+def anew(request):
+    """anew(): Taichi as after its start. A second simulation of one scene then finds its kernels compiled; without,
+    Taichi compiles them again, as it keeps them by the running numbers of their fields."""
+    return lambda: runtime.start(request.config.getoption("--arch"), runtime.current().precision)
+
+
+@pytest.fixture
 def epsilon():
     """The rounding unit of the running precision."""
     return runtime.current().epsilon
