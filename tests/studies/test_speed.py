@@ -18,8 +18,11 @@ def test_ctrl_c_keeps_what_was_measured(monkeypatch):
         return found.pop()
 
     monkeypatch.setattr(speed, "kernel_row", row)
+    monkeypatch.setattr("taichi_jello.view.ggui.has_vulkan", lambda: False)
     told = speed.measure(argparse.Namespace(arch="cpu", threads=1, quick=True, quiet=True))
+    told["window"] = speed.window_row("cpu", frames=1)
     page = speed.text(told)
+    assert "window: not measured: no Vulkan driver works here" in page
     assert told["interrupted"] and "       300  " in page
     assert page.endswith("interrupted: the table holds what was measured until then")
 
