@@ -160,13 +160,22 @@ class Drawing:
     @property
     def opaque(self) -> list[Triangles]:
         around = [] if self.surroundings is None else [self.surroundings.triangles]
-        return around + [shadow.triangles for _, shadow in self.shadows]
+        return around + self.cast
+
+    @property
+    def cast(self) -> list[Triangles]:
+        """The shadows."""
+        return [shadow.triangles for _, shadow in self.shadows]
 
     @property
     def lines(self) -> list[Lines]:
         grid = [] if self.surroundings is None else [self.surroundings.lines]
-        springs = [] if self.springs is None or "springs" in self.hidden else [self.springs.lines]
-        return [lines for lines in grid + springs if len(lines.x)]
+        return [lines for lines in grid + self.threads if len(lines.x)]
+
+    @property
+    def threads(self) -> list[Lines]:
+        """The springs."""
+        return [] if self.springs is None or "springs" in self.hidden else [self.springs.lines]
 
     @property
     def dots(self) -> Dots | None:

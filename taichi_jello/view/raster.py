@@ -1,5 +1,7 @@
 """The renderer for machines without a Vulkan driver: Taichi kernels fill the pixels."""
 
+from typing import Any
+
 import numpy as np
 
 from taichi_jello import runtime
@@ -7,7 +9,7 @@ from taichi_jello.runtime import RuntimeProblem
 from taichi_jello.view import fill, palette
 from taichi_jello.view.camera import Viewpoint
 from taichi_jello.view.drawing import Drawing
-from taichi_jello.view.primitives import Triangles
+from taichi_jello.view.primitives import Lines, Triangles
 
 ROWS = 720  # line widths are given for a picture this high
 
@@ -25,19 +27,17 @@ class Raster:
         width, height = size
         self._pixels = np.zeros((height * samples, width * samples), np.int64)
         self._image = np.zeros((height, width, 3), np.uint8)
+        self._around: tuple[Any, ...] = ()
+        self._empty: np.ndarray | None = None
         self._columns: list[np.ndarray] = []
         self._box, self._edge = np.zeros((0, 4), np.int32), np.zeros((0, 9), np.float32)
 
     def draw(self, drawing: Drawing, viewpoint: Viewpoint) -> None:
         runtime.check(self._runtime)
         height, width = self._pixels.shape
-        scale = height / ROWS
         matrix = viewpoint.to_pixels((width, height)).astype(np.float32)
-        fill.backdrop(self._pixels, palette.SKY_TOP, palette.SKY_LOW)
-        for mesh in drawing.opaque:
-            fill.triangles(self._pixels, mesh.rgba, mesh.index, *self._prepare(mesh, matrix))
-        for batch in drawing.lines:
-            fill.lines(self._pixels, matrix, batch.x, batch.rgb, max(batch.width * scale, 1.0))
+        self._draw_surroundings(drawing, matrix)
+        self._draw_opaque(drawing.cast, drawing.threads, matrix)
         dots = drawing.dots
         if dots is not None:
             reach = dots.radius * viewpoint.pixels_per_meter(height)
@@ -45,6 +45,28 @@ class Raster:
         skin = drawing.blended
         if skin is not None:
             fill.skin(self._pixels, skin.rgba, skin.index, *self._prepare(skin, matrix))
+
+    def _draw_surroundings(self, drawing: Drawing, matrix: np.ndarray) -> None:
+        """The background and the colliders. A picture of them alone is kept once they were the same twice: until a
+        collider or the eye moves."""
+        around = drawing.surroundings
+        now = (around, 0 if around is None else around.paintings, matrix.tobytes())
+        again, self._around = now == self._around, now
+        if again and self._empty is not None:
+            np.copyto(self._pixels, self._empty)
+            return
+        fill.backdrop(self._pixels, palette.SKY_TOP, palette.SKY_LOW)
+        if around is not None:
+            self._draw_opaque([around.triangles], [around.lines], matrix)
+        self._empty = self._pixels.copy() if again else None
+
+    def _draw_opaque(self, meshes: list[Triangles], batches: list[Lines], matrix: np.ndarray) -> None:
+        scale = len(self._pixels) / ROWS
+        for mesh in meshes:
+            fill.triangles(self._pixels, mesh.rgba, mesh.index, *self._prepare(mesh, matrix))
+        for batch in batches:
+            if len(batch.x):
+                fill.lines(self._pixels, matrix, batch.x, batch.rgb, max(batch.width * scale, 1.0))
 
     def _prepare(self, mesh: Triangles, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         count = len(mesh.index)
@@ -73,4 +95,4 @@ class Raster:
 
     def close(self) -> None:
         """Let go of the picture's memory."""
-        self._pixels = np.zeros((0, 0), np.int64)
+        self._pixels, self._empty = np.zeros((0, 0), np.int64), None

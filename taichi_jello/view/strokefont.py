@@ -70,6 +70,7 @@ def text_width(text: str, height: float) -> float:
     return height * (sum(glyph(c)[1] + ADVANCE / UNIT for c in text) - ADVANCE / UNIT) if text else 0.0
 
 
+@lru_cache(maxsize=256)
 def strokes(text: str, x: float, y: float, height: float) -> np.ndarray:
     """(n, 2, 2) segments in pixels, y down: `text` with its baseline's left end at (x, y)."""
     parts, pen = [np.zeros((0, 2, 2))], x
