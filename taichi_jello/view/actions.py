@@ -24,6 +24,8 @@ ROOM = 1.35  # how much farther the eye goes than where the jello just fits
 
 def pause(viewer: "Viewer") -> None:
     viewer.paused = not viewer.paused
+    if not viewer.paused:
+        viewer.notice = ""
 
 
 def restart(viewer: "Viewer") -> None:

@@ -32,7 +32,9 @@ def overlay(viewer: Viewer) -> Sheet:
 
 def state(viewer: Viewer) -> str:
     """How fast it goes, and what is unusual."""
-    words = f"{viewer.rate:.0f} fps"
+    words = f"{viewer.rate:.0f} fps" + ("   filming" if viewer.filming else "")
+    if viewer.repeating:
+        words += f"   replay {viewer.simulation.frames} / {viewer.simulation.length}"
     if viewer.paused:
         words += "   paused"
     elif abs(viewer.pace.speed - 1.0) > 0.05:

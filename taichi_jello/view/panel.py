@@ -11,6 +11,7 @@ from taichi_jello.view.picking import Place
 from taichi_jello.view.viewer import Viewer
 
 LEFT, TOP = 20.0, 75.0  # from the window's upper left corner, in pixels of a window 720 rows high
+SETTLED = 4  # frames after which a button that was let go has told so
 SIZE = (380, 370)  # pixels: GGUI's letters are 13 pixels high in any window
 
 
@@ -22,7 +23,7 @@ class Panel:
         self.opened = opened  # the window's first size [pixels], of which GGUI takes fractions for ever
         self.rectangle: tuple[float, float, float, float] | None = None
         self._pressed = self._used = False
-        self._turn = 0
+        self._turn = self._left = 0
 
     def takes(self, at: Place) -> bool:
         """Whether a mouse button that goes down at `at` is meant for the panel."""
@@ -30,15 +31,22 @@ class Panel:
             return False
         left, top, right, bottom = self.rectangle
         inside = left <= at[0] < right and top <= at[1] < bottom
-        self._pressed = self._pressed or inside
+        if inside:
+            self._pressed, self._left = True, 0
         return inside
 
     def release(self) -> None:
-        """The left button is up. A press that used no widget may have moved or folded the panel, which GGUI does not
-        tell either: under another name it is back in its place."""
-        if self._pressed and not self._used:
-            self._turn += 1
-        self._pressed = self._used = False
+        """The left button is up."""
+        if self._pressed:
+            self._pressed, self._left = False, SETTLED
+
+    def _settle(self) -> None:
+        """A press that used no widget may have moved or folded the panel, which GGUI does not tell either: under
+        another name it is back in its place."""
+        self._left -= 1
+        if self._left == 0:
+            self._turn += not self._used
+            self._used = False
 
     def show(self, gui: Any, viewer: Viewer) -> None:
         """Draw the panel if it is wanted, and do what its widgets were used for."""
@@ -55,6 +63,8 @@ class Panel:
             self._tuning(gui, viewer)
             self._buttons(gui, viewer)
             readings(gui, viewer)
+        if self._left:
+            self._settle()
 
     def _slider(self, gui: Any, name: str, value: float, low: float, high: float) -> float | None:
         """The value that the person chose; None if none was."""

@@ -23,6 +23,7 @@ from taichi_jello.view.renderers import drawing_of
 
 TOUCH = 0.01  # m that a jello may be pressed into what it touches
 CLEARANCE = 0.05  # m between the floor and the eye
+TOLD = 8.0  # s that a notice stays while time passes
 ORBIT = 4.0  # rad for a drag across the whole height of the window
 
 
@@ -47,6 +48,7 @@ class Viewer:
         self.paused = self.helping = self.panelled = self.leaving = False
         self.pace = Pace()
         self._drawn = 0.0  # s from one drawn frame to the next, lately
+        self._notice, self._told = "", 0.0
         self._button, self._at = "", (0.0, 0.0)
         self._waiting: Callable[[], None] | None = None
         self.play(simulation)
@@ -63,6 +65,15 @@ class Viewer:
         self.notice, self._repeated = "", self.repeating
         self._culprit: tuple[float, Culprit | None] = 0.0, None
         self.pace.rest()
+
+    @property
+    def notice(self) -> str:
+        """The last thing to tell, for as long as it is news."""
+        return self._notice
+
+    @notice.setter
+    def notice(self, words: str) -> None:
+        self._notice, self._told = words, 0.0
 
     @property
     def repeating(self) -> bool:
@@ -176,6 +187,9 @@ class Viewer:
         if self.paused or seconds <= 0.0:
             self.pace.rest()
             return 0
+        self._told += seconds
+        if self._told > TOLD:
+            self.notice = ""
         try:
             if self.filming:
                 return self.pace.exactly(self.simulation, 1.0 / FILM_RATE)

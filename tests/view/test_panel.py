@@ -9,7 +9,7 @@ from still import Still, cube_scene
 from taichi_jello import Box, Scene, Simulation
 from taichi_jello.view.gauges import SPAN, Gauges, largest_force
 from taichi_jello.view.legend import Sheet
-from taichi_jello.view.panel import Panel
+from taichi_jello.view.panel import SETTLED, Panel
 from taichi_jello.view.plot import plot
 from taichi_jello.view.viewer import Viewer
 
@@ -94,11 +94,22 @@ def test_a_panel_that_was_dragged_comes_back(viewer):
     gui.slide = {"stiffness x": 2.0}
     panel.show(gui, viewer)
     panel.release()
-    panel.show(gui, viewer)
+    for _ in range(SETTLED + 1):
+        panel.show(gui, viewer)
     assert len({name for name, *_ in gui.windows}) == 1  # a slider was used: it stays
     panel.takes((100.0, 90.0))
     panel.release()
     panel.show(gui, viewer)
+    gui.push = "color"  # a button tells that it was let go, not that it was pressed
+    panel.show(gui, viewer)
+    gui.push = ""
+    for _ in range(SETTLED):
+        panel.show(gui, viewer)
+    assert viewer.color == "strain" and len({name for name, *_ in gui.windows}) == 1
+    panel.takes((100.0, 90.0))
+    panel.release()
+    for _ in range(SETTLED + 1):
+        panel.show(gui, viewer)
     assert len({name for name, *_ in gui.windows}) == 2
     viewer.size = (900, 700)
     panel.show(gui, viewer)

@@ -17,7 +17,7 @@ from taichi_jello.view import palette
 from taichi_jello.view.actions import HELP, KEYS, WIND
 from taichi_jello.view.overlay import overlay
 from taichi_jello.view.pace import BUDGET, MOST_FRAMES
-from taichi_jello.view.viewer import Viewer
+from taichi_jello.view.viewer import TOLD, Viewer
 
 
 @pytest.fixture
@@ -44,6 +44,21 @@ def test_heavy_physics_leaves_time_to_draw(viewer, monkeypatch):
     assert viewer.advance(4.0 * viewer.simulation.frame_dt) < 4
     assert viewer.pace.cost >= 2.9 * BUDGET
     assert viewer.advance(0.5 * viewer.simulation.frame_dt) == 0  # what could not be done is not owed
+
+
+def test_a_notice_stays_while_it_is_news(viewer):
+    def after(seconds: float) -> str:
+        for _ in range(10):
+            viewer.advance(seconds / 10.0)
+        return viewer.notice
+
+    viewer.handle_key("c")
+    assert after(0.9 * TOLD) == "color: strain" and after(0.2 * TOLD) == ""
+    viewer.handle_key(" ")
+    viewer.handle_key("Up")
+    assert "paused" in after(2.0 * TOLD)
+    viewer.handle_key(" ")
+    assert viewer.notice == ""
 
 
 def test_time_can_run_slower(viewer):

@@ -277,7 +277,7 @@ def test_a_screen_that_dies_takes_no_film_with_it(tmp_path):
 def test_a_jello_is_pulled_about_tuned_and_pushed(person):
     pull_it_about(person)
     turn_the_view(person)
-    slide_in_the_panel(person)
+    use_the_panel(person)
     press_the_other_keys(person)
     person.press("Escape", "Escape")
     assert person.viewer.wait(60) == 0
@@ -316,8 +316,9 @@ def turn_the_view(person):
     assert person.state["held"] is None
 
 
-def slide_in_the_panel(person):
-    """The first slider, of the stiffness, begins 28 pixels from the left and 75 from the top."""
+def use_the_panel(person):
+    """The first slider, of the stiffness, begins 28 pixels from the left and 75 from the top; the button for the color
+    is 162 pixels below it."""
     person.press("Tab", "Tab")
     person.wait_for(lambda: person.state["panel"])
     eye = person.state["eye"]
@@ -327,6 +328,12 @@ def slide_in_the_panel(person):
     person.mouse((70, 75), (110, 75), (150, 75), (150, 75))
     person.button("up", 1)
     person.wait_for(lambda: 3.0 < person.state["stiffness"] < 7.0)
+    person.mouse((60, 237))
+    person.watch(4)
+    person.button("down", 1)
+    person.watch(4)
+    person.button("up", 1)
+    person.wait_for(lambda: person.state["color"] == "strain")
     assert person.state["eye"] == eye and person.state["held"] is None
     person.press("Tab", "Tab")
     person.wait_for(lambda: not person.state["panel"])
