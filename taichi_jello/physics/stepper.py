@@ -117,13 +117,14 @@ class Stepper:
                 self._parallel_book(origin, step + 1, last, dt)
 
     def _parallel_solves(self, step: int, dt: float) -> None:
-        """One step of a scheme that solves: every turn of the solver is a kernel of its own."""
+        """One step of a scheme that solves: every turn of the solver is a kernel of its own, and so is its end."""
         if self.watched and self._is_stale():
             return
         for s in range(self.integrator.stages):
             self._parallel_stage(s, step, dt)
             while mode := self.integrator.solver.mode[0]:
                 self._parallel_turn(mode)
+                self._parallel_turn_ends()
         self._parallel_finish(step * dt, dt)
         if self.watched:
             self.reached[0] = step + 1
@@ -154,6 +155,9 @@ class Stepper:
     @ti.kernel
     def _parallel_turn(self, kind: ti.template()):
         self.integrator.solver.turn(kind, self.system, 0, self.count)
+
+    @ti.kernel
+    def _parallel_turn_ends(self):
         self.integrator.solver.turn_ends(self.system, 0, self.count)
 
     @ti.kernel

@@ -10,16 +10,17 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces._base import even_block
-from taichi_jello.physics.solve.inner import inner_solver
-from taichi_jello.physics.solve.rotations import Rotations
+from taichi_jello.physics.solve.inner import TwoLevel
+from taichi_jello.physics.solve.rigid import Rigid, times
 from taichi_jello.physics.state import State
 
-DONE, EVALUATE, CONJUGATE = 0, 1, 2
-BEGIN, BACK, AT_REST, GO_ON = 0, 1, 2, 3  # phases: what a turn has found out
+DONE, PREPARE, EVALUATE, CONJUGATE = range(4)
+OFF, THERE, BEGIN, GO_ON, BACK, AT_REST = range(6)  # phases: what a turn has found out, in an order that is asked for
 # What the registers hold; every member of a team reads them, the first one writes.
-C, TIME, RHO, SLOPE, ALPHA, BETA, TOLERANCE, STOP_AT, NOISE, ACCURACY = range(10)
+C, TIME, RHO, SLOPE, PART, ALPHA, BETA, TOLERANCE, STOP_AT, NOISE, STILL, GAIN, ACCURACY = range(13)
 ROUNDS, INNER, TRIES, PHASE, EVALUATIONS, PRODUCTS = range(6)
 
+TRIED = 6  # times that a step may be shortened
 OVERSHOOT = 0.5  # of the slope at the start, by which it may have turned around where a step ends
 
 
@@ -32,21 +33,23 @@ class Newton:
     Newton goes on. rounds and inner: the most Newton steps, and products with H for each.
     """
 
-    kinds = (EVALUATE, CONJUGATE)
+    kinds = (PREPARE, EVALUATE, CONJUGATE)
 
     def __init__(self, memory, body, accuracy, forcing=0.1, rounds=30, inner=200):
         self.memory, self.accuracy, self.forcing = memory, accuracy, forcing
         self.rounds, self.inner = rounds, inner
         self.at = State.made_in(memory, "solve")
         self.z, self.w, self.a = (memory.vectors("solve", name) for name in "zwa")
-        self.r, self.d, self.p, self.q, self.s = (memory.vectors("solve", name) for name in "rdpqs")
+        self.r, self.d, self.p, self.q, self.s, self.base = (
+            memory.vectors("solve", name) for name in ("r", "d", "p", "q", "s", "v before")
+        )
         self.block = memory.vectors("solve", "block", 2)
         self.sums = memory.table("solve", "sums", np.zeros((memory.passes, 3)))
         self.mode = memory.table("solve", "mode", np.zeros(1, np.int32))
         self.counts = memory.table("solve", "counts", np.zeros(6, np.int32))
-        self.registers = memory.table("solve", "registers", np.zeros(10))
-        self.inner_solver = inner_solver(memory)
-        self.rotations = Rotations(memory, body)
+        self.registers = memory.table("solve", "registers", np.zeros(13))
+        self.inner_solver = TwoLevel(memory, body)
+        self.rigid = Rigid(memory, body)
 
     def prepare(self, system, c):
         """Before the first step with this c [s], and again when a force has been tuned."""
@@ -54,7 +57,7 @@ class Newton:
         # A rounding of x changes forces by Λ of it at most, and these move the particle by c² of that, or back.
         stiffness = system.bound.squared_frequency
         self.registers[ACCURACY] = self.accuracy
-        self.registers[NOISE] = 16.0 * system.owner.epsilon * min(1.0, c * c * stiffness)
+        self.registers[NOISE] = 2.0 * system.owner.epsilon * min(1.0, c * c * stiffness)
 
     @property
     def passes(self) -> int:
@@ -65,30 +68,56 @@ class Newton:
 
     @ti.func
     def start(self, system, first, last, c, t, wanted=1):
-        """Begin at v = at.v; z and w are set. Not `wanted`: there is nothing to solve."""
+        """Begin with a step from z by the motion at.v; z and w are set. Not `wanted`: there is nothing to solve."""
         for i in range(first, last):
             if wanted:
-                self.at.x[i] = self.z[i] + c * self.at.v[i]
-                self.d[i] = ti.Vector([0.0, 0.0, 0.0])
+                self.p[i] = c * self.at.v[i]
+                self.base[i] = ti.Vector([0.0, 0.0, 0.0])
+                self.at.x[i] = self.z[i]
+                self.set_block(i, even_block(system.particles.mass(i)))  # its modes fit p best, by mass
         system.wait_for_team()  # until everybody has seen that the solve before is done
         for _ in range(1):
             if first == 0 and last > 0:
-                self.registers[C], self.registers[TIME], self.registers[SLOPE] = c, t, 0.0
-                self.counts[ROUNDS] = self.counts[TRIES] = 0
-                self.mode[0] = EVALUATE if wanted else DONE
+                self.registers[C], self.registers[TIME] = c, t
+                self.registers[PART] = 1.0
+                self.counts[ROUNDS], self.counts[PHASE] = 0, OFF
+                self.counts[TRIES] = TRIED  # however this step turns out, it is the start
+                self.mode[0] = PREPARE if wanted else DONE
         system.wait_for_team()
 
     @ti.func
     def turn(self, kind: ti.template(), system, first, last):
-        if ti.static(kind == EVALUATE):
+        if ti.static(kind == PREPARE):
+            self.prepare_modes(system, first, last)
+        elif ti.static(kind == EVALUATE):
             self.evaluate(system, first, last)
-        else:
+        elif ti.static(kind == CONJUGATE):
             self.conjugate(system, first, last)
 
     @ti.func
+    def prepare_modes(self, system, first, last):
+        """For a new Newton step, or for the step that it all starts with."""
+        self.rigid.begin(system, first, last, self.at.x, self.block)
+        for _ in range(1):
+            if first == 0 and last > 0:
+                if self.counts[PHASE] == OFF:
+                    self.mode[0] = EVALUATE
+                else:
+                    self.counts[PHASE] = BEGIN
+        system.wait_for_team()
+
+    @ti.func
     def evaluate(self, system, first, last):
-        """The residual where the last step led. Went it too far, half-way back; else on with conjugate gradients."""
+        """Go PART of the step p. Was that too far, it is a smaller part next; else on with conjugate gradients."""
         c = self.registers[C]
+        for i in range(first, last):
+            self.at.x[i] = self.z[i] + c * self.base[i]
+            self.q[i] = times(self.block, i, self.p[i])
+        self.rigid.project(system, first, last, self.at.x, self.q)
+        for i in range(first, last):
+            way, self.d[i] = self.rigid.way(i, self.at.x, self.p, self.registers[PART])
+            self.at.v[i] = self.base[i] + way / c
+            self.at.x[i] = self.z[i] + c * self.at.v[i]
         system.accelerations(first, last, self.at.x, self.at.v, self.registers[TIME], self.a)
         for i in range(first, last):
             r = system.inertia(i) * ((self.w[i] - self.at.v[i]) / c + self.a[i])
@@ -99,28 +128,23 @@ class Newton:
                 self.judge(system)
         system.wait_for_team()
         for i in range(first, last):
-            if self.counts[PHASE] == BACK:
-                back = self.registers[ALPHA] * self.d[i]
-                self.at.v[i] = self.at.v[i] - back / c
-                self.at.x[i] = self.z[i] + c * self.at.v[i]
-                self.d[i] = self.d[i] - back
-            elif self.counts[PHASE] == BEGIN:
+            if self.counts[PHASE] == THERE:
+                self.base[i] = self.at.v[i]
                 self.d[i] = ti.Vector([0.0, 0.0, 0.0])
                 self.own_curvature(system, i)
 
     @ti.func
     def judge(self, system):
-        """BEGIN a new Newton step, go BACK by ALPHA of the last, or be AT_REST: this is the answer."""
-        here, before = self.total(0), self.registers[SLOPE]
+        """It is THERE for a new Newton step, goes BACK to a PART of the last, or is AT_REST: this is the answer."""
+        here, before = self.total(0), self.registers[PART] * self.registers[SLOPE]
         farthest = self.largest(1)
         self.counts[EVALUATIONS] += 1
-        self.counts[PHASE] = BEGIN
-        if here < -OVERSHOOT * before and self.counts[TRIES] < 6:
+        self.counts[PHASE] = THERE
+        if here < -OVERSHOOT * before and self.counts[TRIES] < TRIED:
             self.counts[PHASE] = BACK
             self.counts[TRIES] += 1
-            kept = ti.min(0.6, ti.max(0.1, before / (before - here)))  # where the slope would be zero, were it linear
-            self.registers[ALPHA] = 1.0 - kept
-            self.registers[SLOPE] = kept * before
+            # To where the slope would be zero, were it linear.
+            self.registers[PART] *= ti.min(0.6, ti.max(0.1, before / (before - here)))
         elif (
             farthest == 0.0
             or not farthest < 1e30
@@ -132,6 +156,7 @@ class Newton:
         else:
             self.counts[ROUNDS] += 1
             self.counts[TRIES] = 0
+            self.mode[0] = PREPARE
 
     @ti.func
     def own_curvature(self, system, i):
@@ -141,6 +166,10 @@ class Newton:
         for force in ti.static(system.all_forces):
             if ti.static(force.has_curvature):
                 B += force.curvature(i, self.at.x, self.at.v, self.registers[TIME], c)
+        self.set_block(i, B)
+
+    @ti.func
+    def set_block(self, i, B):
         self.block[0, i] = ti.Vector([B[0], B[1], B[2]])
         self.block[1, i] = ti.Vector([B[3], B[4], B[5]])
 
@@ -164,33 +193,36 @@ class Newton:
 
     @ti.func
     def turn_ends(self, system, first, last):
-        """What both kinds of turn end with: the next direction p of conjugate gradients, or the step along d."""
-        self.inner_solver.apply(system, first, last, self.r, self.s)
-        leads, anew = first == 0 and last > 0, self.counts[PHASE] == BEGIN
-        self.rotations.measure(system, leads, anew, self.at.x, self.block, self.r)
-        for i in range(first, last):
-            self.s[i] = self.s[i] + self.rotations.displacement(i, self.at.x)
-        self.add_up(system, first, last, self.r, self.s, False)
+        """What turns end with: the next direction p of conjugate gradients, or the step to go."""
+        directs = self.counts[PHASE] >= BEGIN and self.counts[PHASE] <= GO_ON
+        upto = ti.select(directs, last, first)  # a loop to `first` does nothing
+        self.precondition(system, first, upto)
+        self.add_up(system, first, upto, self.r, self.s, False)
         for _ in range(1):
-            if first == 0 and last > 0:
+            if first == 0 and upto > 0:
                 self.choose_direction(system)
         system.wait_for_team()
-        beta, c = self.registers[BETA], self.registers[C]
+        beta, steps = self.registers[BETA], self.mode[0] == EVALUATE
+        for i in range(first, upto):
+            self.p[i] = self.d[i] if steps else self.s[i] + beta * self.p[i]
+
+    @ti.func
+    def precondition(self, system, first, last):
+        """s = (Q + A⁻¹) r, see rigid.py."""
+        self.rigid.project(system, first, last, self.at.x, self.r)
+        self.inner_solver.apply(system, first, last, self.r, self.s)
         for i in range(first, last):
-            self.p[i] = self.s[i] + beta * self.p[i]
-            if self.counts[PHASE] == GO_ON and self.mode[0] != CONJUGATE:
-                self.at.v[i] = self.at.v[i] + self.d[i] / c
-                self.at.x[i] = self.z[i] + c * self.at.v[i]
+            self.s[i] = self.s[i] + self.rigid.displacement(i, self.at.x)
 
     @ti.func
     def choose_direction(self, system):
         rho = self.total(0)
         if self.counts[PHASE] == BEGIN:
-            self.registers[BETA], self.registers[SLOPE] = 0.0, 0.0
+            self.registers[BETA], self.registers[SLOPE], self.registers[PART] = 0.0, 0.0, 1.0
             self.registers[STOP_AT] = self.forcing * self.forcing * rho
             self.counts[INNER] = 0
             self.mode[0] = CONJUGATE if rho > 0.0 else DONE
-        elif self.counts[PHASE] == GO_ON:
+        else:
             self.registers[BETA] = rho / self.registers[RHO]
             self.counts[INNER] += 1
             if not (rho > self.registers[STOP_AT]) or self.counts[INNER] == self.inner:
@@ -198,7 +230,12 @@ class Newton:
                 if self.counts[ROUNDS] == 1:
                     noise = self.registers[NOISE] * self.largest(2)
                     self.registers[TOLERANCE] = ti.max(noise, self.registers[ACCURACY] * moved)
-                self.mode[0] = DONE if moved <= self.registers[TOLERANCE] else EVALUATE
+                    self.registers[STILL], self.registers[GAIN] = noise, 0.0
+                # What the step gains is ½ d · r; a stiff body stores much in a short way.
+                self.registers[GAIN] = ti.max(self.registers[GAIN], self.registers[SLOPE])
+                little = self.registers[SLOPE] <= self.registers[ACCURACY] ** 2 * self.registers[GAIN]
+                near = moved <= self.registers[TOLERANCE]
+                self.mode[0] = DONE if moved <= self.registers[STILL] or (near and little) else EVALUATE
         self.registers[RHO] = rho
 
     @ti.func
@@ -210,10 +247,7 @@ class Newton:
             start = pass_ * system.lanes
             end = ti.min(start + system.lanes, last)
             for i in range(start, end):
-                D, E, u = self.block[0, i], self.block[1, i], p[i]
-                q[i] = D * u + ti.Vector(
-                    [E[2] * u[1] + E[1] * u[2], E[2] * u[0] + E[0] * u[2], E[1] * u[0] + E[0] * u[1]]
-                )
+                q[i] = times(self.block, i, p[i])
             for force in ti.static(system.in_passes):
                 if ti.static(force.couples):
                     force.resist_on_pass(start, end, self.at.x, p, c, q)

@@ -1,0 +1,190 @@
+"""Moving as a whole: what stretches no spring, however stiff, is solved for by itself, and rotations really turn.
+
+For every jello that is not pinned these are six modes Z: three translations and three rotations ω × ρ about its
+centre. Two things follow from them.
+
+A constant matrix A resists every difference of displacements, and with it rotations; and it does not know of contact,
+which makes a body stiff against translation. So the modes are solved for besides: with the particles' own blocks B
+(mass, contact) in place of H, Q = Z (ZᵀBZ)⁻¹ Zᵀ is the inverse of H where it moves bodies as a whole, and conjugate
+gradients are preconditioned by s = (Q + A⁻¹) r. (Balanced as in Mandel 1993, s = Q r + (I - QB) A⁻¹ (I - BQ) r, they
+take two thirds of the products, each for half as much more time and a third more code to compile.)
+
+A straight way ω × ρ stretches a body that turns by a finite angle, by k ω⁴ and so the more the stiffer it is. So a step
+along d goes round: the part τ + ω × ρ of it that came from the modes is made with R = exp([ω]), and only the rest e is
+straight: x' = centre + τ + R (ρ + e).
+"""
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.physics.state import LANES
+
+MODES = 6
+
+
+@ti.func
+def times(block, i, u):
+    """The 3×3 block of particle i times u."""
+    D, E = block[0, i], block[1, i]
+    return D * u + ti.Vector([E[2] * u[1] + E[1] * u[2], E[2] * u[0] + E[0] * u[2], E[1] * u[0] + E[0] * u[1]])
+
+
+@ti.func
+def turned(u, w):
+    """(R - I) u for R = exp([w]), Rodrigues' formula; sin and 1 - cos without cancellation where w is small."""
+    half = 0.5 * w.norm()
+    a = ti.sin(half) / half if half > 1e-4 else 1.0 - half * half / 6.0
+    wu = w.cross(u)
+    return a * ti.cos(half) * wu + 0.5 * a * a * w.cross(wu)
+
+
+@ti.data_oriented
+class Rigid:
+    """Sums over a jello are sums over chunks of at most LANES of its particles, which members of a team share."""
+
+    def __init__(self, memory, body):
+        jellos = int(body.jello[-1]) + 1
+        cuts = np.union1d(np.arange(0, len(body), LANES), np.searchsorted(body.jello, np.arange(jellos)))
+        ends = np.append(cuts[1:], len(body))
+        owner = body.jello[cuts]
+        free = np.bincount(body.jello, body.pinned, jellos) == 0
+        starts = np.arange(0, len(body) + LANES, LANES)
+        self.chunks = memory.table("solve", "chunks", np.stack([cuts, ends], 1))
+        self.of_block = memory.table("solve", "chunks of blocks", np.searchsorted(cuts, np.minimum(starts, len(body))))
+        spans = [np.searchsorted(owner, np.arange(jellos) + k) for k in (0, 1)]
+        self.spans = memory.table("solve", "jellos", np.stack([*spans, free], 1))
+        self.group = memory.table("solve", "jello", np.pad(body.jello, (0, memory.padded - len(body))))
+        self.jellos = jellos
+        self.center = memory.table("solve", "centres", np.zeros((jellos, 3)))
+        self.inverse = memory.numbers("solve", "inverse of modes", (jellos, MODES, MODES))
+        self.modes = memory.numbers("solve", "modes", (jellos, MODES))  # τ and ω that were asked for last
+        self.terms = memory.numbers("solve", "terms", (len(cuts), MODES * MODES))
+        self.totals = memory.numbers("solve", "totals", (jellos, MODES * MODES))
+
+    # Every function below is called by all members of a team, each for its particles first … last - 1.
+
+    @ti.func
+    def first_chunk(self, particle):
+        return self.of_block[(particle + LANES - 1) // LANES]
+
+    @ti.func
+    def begin(self, system, first, last, x, block):
+        """Centres and (ZᵀBZ)⁻¹ for particles at x with the blocks B."""
+        for k in range(self.first_chunk(first), self.first_chunk(last)):
+            moment, mass = ti.Vector([0.0, 0.0, 0.0]), ti.cast(0.0, float)
+            for i in range(self.chunks[k][0], self.chunks[k][1]):
+                moment += system.particles.mass(i) * x[i]
+                mass += system.particles.mass(i)
+            self.keep(k, 0, moment, ti.Vector([mass, 0.0, 0.0]))
+        self.add_up(system, first, last, MODES)
+        for g in range(self.jellos):
+            if first == 0 and last > 0:
+                moment = ti.Vector([self.totals[g, 0], self.totals[g, 1], self.totals[g, 2]])
+                self.center[g] = moment / self.totals[g, 3]
+        system.wait_for_team()
+        for k in range(self.first_chunk(first), self.first_chunk(last)):
+            center = self.center[self.group[self.chunks[k][0]]]
+            for mode in range(MODES):
+                force, torque = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+                axis = ti.Vector([float(mode % 3 == 0), float(mode % 3 == 1), float(mode % 3 == 2)])
+                for i in range(self.chunks[k][0], self.chunks[k][1]):
+                    rho = x[i] - center
+                    f = times(block, i, ti.select(mode < 3, axis, axis.cross(rho)))
+                    force += f
+                    torque += rho.cross(f)
+                self.keep(k, MODES * mode, force, torque)
+        self.add_up(system, first, last, MODES * MODES)
+        for g in range(self.jellos):
+            if first == 0 and last > 0:
+                self.invert(g)
+        system.wait_for_team()
+
+    @ti.func
+    def keep(self, k, at, force, torque):
+        for axis in ti.static(range(3)):
+            self.terms[k, at + axis], self.terms[k, at + 3 + axis] = force[axis], torque[axis]
+
+    @ti.func
+    def add_up(self, system, first, last, count):
+        """The first terms of all chunks of each jello."""
+        system.wait_for_team()
+        for g in range(self.jellos):
+            if first == 0 and last > 0:
+                for term in range(count):
+                    total = ti.cast(0.0, float)
+                    for k in range(self.spans[g][0], self.spans[g][1]):
+                        total += self.terms[k, term]
+                    self.totals[g, term] = total
+
+    @ti.func
+    def invert(self, g):
+        """(ZᵀBZ)⁻¹ by sweeping out one mode after the other (Goodnight 1979), which leaves -1 times it. What has no
+        inertia, a rope about itself, is given a little; a jello that is held has no such modes."""
+        least = ti.cast(1e-30, float)
+        for k in range(3, MODES):
+            least += 1e-6 * self.totals[g, MODES * k + k]
+        for k in range(MODES):
+            pivot = self.totals[g, MODES * k + k]
+            if k >= 3:
+                pivot = ti.max(pivot, least)
+            for entry in range(MODES * MODES):
+                row, column = entry // MODES, entry % MODES
+                if row != k and column != k:
+                    both = self.totals[g, MODES * row + k] * self.totals[g, MODES * k + column]
+                    self.totals[g, entry] = self.totals[g, entry] - both / pivot
+            for other in range(MODES):
+                self.totals[g, MODES * k + other] = self.totals[g, MODES * k + other] / pivot
+                self.totals[g, MODES * other + k] = self.totals[g, MODES * other + k] / pivot
+            self.totals[g, MODES * k + k] = -1.0 / pivot
+        for entry in range(MODES * MODES):
+            self.inverse[g, entry // MODES, entry % MODES] = -self.spans[g][2] * self.totals[g, entry]
+
+    @ti.func
+    def project(self, system, first, last, x, r):
+        """The modes that answer the forces r, (ZᵀBZ)⁻¹ Zᵀ r."""
+        for k in range(self.first_chunk(first), self.first_chunk(last)):
+            center = self.center[self.group[self.chunks[k][0]]]
+            force, torque = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+            for i in range(self.chunks[k][0], self.chunks[k][1]):
+                force += r[i]
+                torque += (x[i] - center).cross(r[i])
+            self.keep(k, 0, force, torque)
+        self.add_up(system, first, last, MODES)
+        for g in range(self.jellos):
+            if first == 0 and last > 0:
+                for mode in range(MODES):
+                    total = ti.cast(0.0, float)
+                    for other in range(MODES):
+                        total += self.inverse[g, mode, other] * self.totals[g, other]
+                    self.modes[g, mode] = total
+        system.wait_for_team()
+
+    @ti.func
+    def parts(self, g):
+        """τ and ω. (Whoever asks has the index of a single jello read too, not the number 0: Taichi would take
+        modes[0, k] for constant within a frame.)"""
+        return (
+            ti.Vector([self.modes[g, 0], self.modes[g, 1], self.modes[g, 2]]),
+            ti.Vector([self.modes[g, 3], self.modes[g, 4], self.modes[g, 5]]),
+        )
+
+    @ti.func
+    def displacement(self, i, x):
+        """τ + ω × ρ of particle i."""
+        g = self.group[i]
+        tau, omega = self.parts(g)
+        return tau + omega.cross(x[i] - self.center[g])
+
+    @ti.func
+    def way(self, i, x, d, part):
+        """Where particle i goes from x by this part of the step d, as a displacement; and its direction there. A step
+        that would turn by more than a radian, of a body that is almost a point for one, goes straight."""
+        g = self.group[i]
+        tau, omega = self.parts(g)
+        kept = ti.select(omega.norm() < 1.0, part, 0.0)
+        tau, omega = kept * tau, kept * omega
+        rho = x[i] - self.center[g]
+        e = part * d[i] - tau - omega.cross(rho)
+        straight, spun = e + turned(e, omega), turned(rho, omega)
+        direction = tau + omega.cross(rho + spun + straight) + straight
+        return tau + straight + spun, direction
