@@ -18,6 +18,7 @@ DONE, PREPARE, EVALUATE, CONJUGATE = range(4)
 OFF, THERE, BEGIN, GO_ON, BACK, AT_REST = range(6)  # phases: what a turn has found out, in an order that is asked for
 # What the registers hold; every member of a team reads them, the first one writes.
 C, TIME, RHO, SLOPE, PART, ALPHA, BETA, TOLERANCE, STOP_AT, NOISE, STILL, GAIN, ACCURACY = range(13)
+NOTHING, RESIDUAL, STEP = range(3)  # what is looked for beside a sum
 ROUNDS, INNER, TRIES, PHASE, EVALUATIONS, PRODUCTS = range(6)
 
 TRIED = 6  # times that a step may be shortened
@@ -122,7 +123,7 @@ class Newton:
         for i in range(first, last):
             r = system.inertia(i) * ((self.w[i] - self.at.v[i]) / c + self.a[i])
             self.r[i] = r * (system.particles.inverse_mass(i) * system.particles.mass(i))  # none on a pinned one
-        self.add_up(system, first, last, self.d, self.r, True)
+        self.add_up(system, first, last, self.d, self.r, RESIDUAL)
         for _ in range(1):
             if first == 0 and last > 0:
                 self.judge(system)
@@ -177,7 +178,7 @@ class Newton:
     def conjugate(self, system, first, last):
         """One step of conjugate gradients for H d = r."""
         self.product(system, first, last, self.p, self.q)
-        self.add_up(system, first, last, self.p, self.q, False)
+        self.add_up(system, first, last, self.p, self.q, NOTHING)
         for _ in range(1):
             if first == 0 and last > 0:
                 alpha = self.registers[RHO] / self.total(0)
@@ -197,7 +198,7 @@ class Newton:
         directs = self.counts[PHASE] >= BEGIN and self.counts[PHASE] <= GO_ON
         upto = ti.select(directs, last, first)  # a loop to `first` does nothing
         self.precondition(system, first, upto)
-        self.add_up(system, first, upto, self.r, self.s, False)
+        self.add_up(system, first, upto, self.r, self.s, STEP)
         for _ in range(1):
             if first == 0 and upto > 0:
                 self.choose_direction(system)
@@ -256,16 +257,16 @@ class Newton:
                     q[i] = q[i] * system.particles.free[i]
 
     @ti.func
-    def add_up(self, system, first, last, a, b, of_residual: ti.template()):
-        """For every pass of particles Σ a · b; how far d moves one at most, or the residual would alone; and how far
-        from the origin one is at most."""
+    def add_up(self, system, first, last, a, b, beside: ti.template()):
+        """For every pass of particles Σ a · b; beside it NOTHING, how far the RESIDUAL alone would move one at most, or
+        how far the STEP d moves one at most and how far from the origin one is."""
         for pass_ in range(first // system.lanes, (last + system.lanes - 1) // system.lanes):
             dot, most, away = ti.cast(0.0, float), ti.cast(0.0, float), ti.cast(0.0, float)
             for i in range(pass_ * system.lanes, ti.min((pass_ + 1) * system.lanes, last)):
                 dot += a[i].dot(b[i])
-                if ti.static(of_residual):
+                if ti.static(beside == RESIDUAL):
                     most = ti.max(most, self.r[i].norm() * self.registers[C] ** 2 / system.particles.mass(i))
-                else:
+                elif ti.static(beside == STEP):
                     most = ti.max(most, self.d[i].norm())
                     away = ti.max(away, self.at.x[i].norm())
             self.sums[pass_] = ti.Vector([dot, most, away])
