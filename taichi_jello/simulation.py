@@ -89,6 +89,7 @@ class Simulation:
             self.method = self.choice.method
         else:
             self.system = System(scene, self.body, method=self.method, team=team, ledger=ledger)
+        self._systems = {self.method: self.system}  # Taichi gives back no compiled code: each is made only once
         self.clock = Clock(self.frame_dt, self._choose_substeps(*self.asked_step))
         self._begun = False
         self._books: Books | None = None
@@ -304,7 +305,9 @@ class Simulation:
         """Go on from here with another method. Raises SceneError if there is none of that name or it has no safe
         step."""
         now, tuning, before = self.snapshot(), self.tuning, (self.system, self.method)
-        system = System(self.scene, self.body, method=name, ledger=before[0].ledger is not None)
+        if name not in self._systems:
+            self._systems[name] = System(self.scene, self.body, method=name, ledger=before[0].ledger is not None)
+        system = self._systems[name]
         self.system, self.method, self.choice = system, name, None
         try:
             system.tune(**tuning)

@@ -161,6 +161,28 @@ def test_an_automatic_step_follows_what_changes():
     assert simulation.substeps == before
 
 
+@pytest.mark.one_precision
+def test_a_method_that_comes_back_is_as_new():
+    """Away to another method and back, while something is held and then is not: as if every method were made anew."""
+    scene = Scene(jello=[SMALL], collider=[Plane()], force=[Grab()])
+    kept, anew = Simulation(scene, method="symplectic-euler"), Simulation(scene, method="symplectic-euler")
+    first = kept.system
+    for simulation in (kept, anew):
+        for frame, method in enumerate(("verlet", "symplectic-euler")):
+            simulation.step(7)
+            simulation.grab([0], [1.0], (0.1 * frame, 1.0, 0.0))
+            simulation.step(5)
+            if simulation is anew:
+                simulation._systems.clear()
+            simulation.change_method(method)
+            simulation.tune(stiffness=1.0 + frame)
+            simulation.step(5)
+            simulation.release()
+            simulation.step(30)
+    assert np.array_equal(kept.x, anew.x) and np.array_equal(kept.v, anew.v)
+    assert kept.system is first and anew.system is not first
+
+
 def test_a_fixed_step_warns_once():
     simulation = Simulation(Scene(jello=[SMALL]), method="rk4", dt=6e-4)
     with warnings.catch_warnings(record=True) as told:
