@@ -7,7 +7,6 @@ import numpy as np
 
 from taichi_jello.physics.integrators import schemes
 from taichi_jello.scene import COLORS
-from taichi_jello.view import playlist
 from taichi_jello.view.camera import UP
 
 if TYPE_CHECKING:
@@ -164,7 +163,7 @@ def next_demo(viewer: "Viewer") -> None:
 
     def change() -> None:
         try:
-            following = playlist.following(viewer.simulation.scene, viewer.make)
+            following = viewer.playlist.following(viewer.simulation.scene)
         except ValueError as error:
             viewer.notice = str(error)
             return

@@ -16,14 +16,34 @@ def scenes() -> Iterator[Scene]:
             continue
 
 
-def following(now: Scene, make: Callable[[Scene], Any]) -> Any:
-    """What `make` makes of the demo after the scene `now`, or of the first; of the one after that if it raises
-    ValueError. Raises ValueError if no demo works."""
-    found = list(scenes())
-    same = next((k for k, scene in enumerate(found) if scene.title == now.title), -1)
-    for scene in found[same + 1 :] + found[: same + 1]:
-        try:
-            return make(scene)
-        except ValueError:
-            continue
-    raise ValueError("no demo was found")
+class Playlist:
+    """Simulations of the demos, as `make` makes them of their scenes. Each is made once, since Taichi gives back no
+    compiled code; when its turn comes again, it is as it was then."""
+
+    def __init__(self, make: Callable[[Scene], Any]):
+        self._make = make
+        self._made: dict[str, tuple[Any, str, dict[str, Any]]] = {}  # with the first method and tuning, by title
+
+    def following(self, now: Scene) -> Any:
+        """The demo after the scene `now`, or the first; the one after that if making it raises ValueError. Raises
+        ValueError if no demo works."""
+        found = list(scenes())
+        same = next((k for k, scene in enumerate(found) if scene.title == now.title), -1)
+        for scene in found[same + 1 :] + found[: same + 1]:
+            try:
+                return self._anew(scene)
+            except ValueError:
+                continue
+        raise ValueError("no demo was found")
+
+    def _anew(self, scene: Scene) -> Any:
+        if scene.title not in self._made:
+            simulation = self._make(scene)
+            self._made[scene.title] = simulation, simulation.method, dict(simulation.tuning)
+            return simulation
+        simulation, method, tuning = self._made[scene.title]
+        simulation.tune(**tuning)
+        if simulation.method != method:
+            simulation.change_method(method)
+        simulation.reset()
+        return simulation

@@ -19,6 +19,7 @@ from taichi_jello.view.hand import Hand
 from taichi_jello.view.pace import Pace
 from taichi_jello.view.picking import Pick, Place, pick, pick_skin, ray
 from taichi_jello.view.pictures import FILM_RATE, Pictures
+from taichi_jello.view.playlist import Playlist
 from taichi_jello.view.renderers import drawing_of
 
 TOUCH = 0.01  # m that a jello may be pressed into what it touches
@@ -44,7 +45,7 @@ class Viewer:
         if color not in COLORS:
             raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
         self.pictures, self.size = Pictures(folder), (1280, 720)
-        self.make = make
+        self.playlist = Playlist(make)
         self.paused = self.helping = self.panelled = self.leaving = False
         self.pace = Pace()
         self._drawn = 0.0  # s from one drawn frame to the next, lately
