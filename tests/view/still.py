@@ -74,3 +74,10 @@ def cube_scene(height: float = 0.5, points: int = 4, **jello) -> Scene:
     """A cube of 1 m whose middle is `height` above a floor, seen slightly from above."""
     cube = Box(position=(0.0, height, 0.0), points=(points,) * 3, **jello)
     return Scene(jello=(cube,), collider=(Plane(),), camera=Camera(eye=(0.0, 1.6, 5.0), target=(0.0, 0.6, 0.0)))
+
+
+def grab_at(viewer, point=(0.0, 0.5, 0.5)):
+    """Press the left button on a point of the front side; where on the screen."""
+    at = viewer.viewpoint.project(np.array([point]), viewer.size)[0]
+    viewer.press("left", tuple(at))
+    return at

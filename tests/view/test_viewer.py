@@ -1,15 +1,12 @@
-"""The viewer's keys, mouse and clock, without a window."""
+"""The viewer's keys and clock, and what it writes over the picture; without a window."""
 
 import time
-from dataclasses import replace
 
-import av
 import numpy as np
 import pytest
-from still import Still, cube_scene
+from still import Still, grab_at
 
 from taichi_jello.physics.blame import Culprit
-from taichi_jello.physics.colliders.sphere import Sphere
 from taichi_jello.physics.integrators import schemes
 from taichi_jello.scene import COLORS, SHOWS
 from taichi_jello.simulation import Diverged
@@ -17,12 +14,7 @@ from taichi_jello.view import palette
 from taichi_jello.view.actions import HELP, KEYS, WIND
 from taichi_jello.view.overlay import overlay
 from taichi_jello.view.pace import BUDGET, MOST_FRAMES
-from taichi_jello.view.viewer import TOLD, Viewer
-
-
-@pytest.fixture
-def viewer(tmp_path):
-    return Viewer(Still(cube_scene(points=2)), folder=tmp_path)
+from taichi_jello.view.viewer import TOLD
 
 
 def test_physics_follows_the_clock(viewer):
@@ -98,28 +90,6 @@ def test_c_and_k_go_round(viewer):
     assert len(set(parts)) == len(SHOWS) and viewer.show == 0
 
 
-def test_drags_move_the_camera(viewer):
-    start = viewer.viewpoint.eye.copy()
-    viewer.drag("left", 0.1, 0.0)
-    assert viewer.viewpoint.eye[0] < start[0]  # the scene turns with the hand, so the eye goes the other way
-    viewer.viewpoint.reset()
-    viewer.drag("middle", 0.5, 0.0)
-    # Half a window's height of pan moves the picture by half its height.
-    moved = viewer.viewpoint.project(np.array([[0.0, 0.6, 0.0]]), (800, 400))[0]
-    assert moved == pytest.approx([600.0, 200.0])
-
-
-def test_the_eye_stays_above_the_floor_and_o_brings_the_first_view_back(viewer):
-    start = viewer.viewpoint.eye.copy()
-    for _ in range(50):
-        viewer.drag("right", 0.02, 0.05)
-        viewer.handle_key("s")
-        assert viewer.viewpoint.eye[1] > 0.0
-        assert np.isfinite(viewer.viewpoint.axes()).all()
-    viewer.handle_key("o")
-    assert viewer.viewpoint.eye == pytest.approx(start)
-
-
 def test_b_is_wind_from_the_left_from_the_right_and_none(viewer):
     """As the eye sees it: here it looks along -z, its right is +x."""
     seen = []
@@ -127,98 +97,6 @@ def test_b_is_wind_from_the_left_from_the_right_and_none(viewer):
         viewer.handle_key("b")
         seen.append(viewer.simulation.tuning["wind"])
     assert seen == [(WIND, 0.0, 0.0), (-WIND, 0.0, 0.0), (0.0, 0.0, 0.0)]
-
-
-def grab_at(viewer, point=(0.0, 0.5, 0.5)):
-    """Press the left button on a point of the front side; where on the screen."""
-    at = viewer.viewpoint.project(np.array([point]), viewer.size)[0]
-    viewer.press("left", tuple(at))
-    return at
-
-
-def test_the_left_button_grabs_the_jello_and_the_target_follows_the_cursor(viewer):
-    viewer.handle_key(" ")  # also while paused
-    at, eye = grab_at(viewer), viewer.viewpoint.eye.copy()
-    held = viewer.simulation.held
-    assert held.target == pytest.approx([0.0, 0.5, 0.5], abs=1e-6) == held.point
-    for step in ([40.0, -30.0], [100.0, -80.0], [-300.0, 50.0]):
-        viewer.move(tuple(at + step))
-        assert viewer.viewpoint.project(held.target[None], viewer.size)[0] == pytest.approx(at + step, abs=1e-3)
-        depth = (viewer.viewpoint.eye - held.target) @ viewer.viewpoint.axes()[2]
-        assert depth == pytest.approx((eye - [0.0, 0.5, 0.5]) @ viewer.viewpoint.axes()[2])
-    assert viewer.viewpoint.eye == pytest.approx(eye)
-    viewer.release("right")
-    assert viewer.simulation.held is held
-    viewer.release("left")
-    assert viewer.simulation.held is None and viewer.hand is None
-
-
-def test_shift_pulls_along_the_line_of_sight(viewer):
-    at = grab_at(viewer)
-    before = viewer.simulation.held.target.copy()
-    viewer.move((at[0], at[1] - 100.0), away=True)
-    after = viewer.simulation.held.target
-    assert viewer.viewpoint.project(after[None], viewer.size)[0] == pytest.approx(at, abs=1e-3)
-    assert np.linalg.norm(after - viewer.viewpoint.eye) > np.linalg.norm(before - viewer.viewpoint.eye) * 1.1
-    for far in (-1e5, 1e5):
-        viewer.move((at[0], at[1] + far), away=True)
-        assert np.linalg.norm(viewer.simulation.held.target - viewer.viewpoint.eye) < 51.0
-    assert np.isfinite(viewer.viewpoint.project(viewer.simulation.held.target[None], viewer.size)).all()
-
-
-def test_beside_the_jello_and_with_the_right_button_the_view_turns(viewer):
-    for button, at in (("left", (5.0, 5.0)), ("right", (640.0, 400.0))):
-        viewer.viewpoint.reset()
-        eye = viewer.viewpoint.eye.copy()
-        viewer.press(button, at)
-        viewer.move((at[0] + 50.0, at[1]))
-        assert viewer.simulation.held is None and viewer.viewpoint.eye[0] < eye[0] - 0.1
-        viewer.release(button)
-        eye = viewer.viewpoint.eye.copy()
-        viewer.move((at[0] + 90.0, at[1]))
-        assert viewer.viewpoint.eye == pytest.approx(eye)
-
-
-def test_behind_a_collider_nothing_is_grabbed(tmp_path):
-    """A ball of 0.3 m between the eye and the cube hides its middle, not its corner."""
-    scene = cube_scene(points=4)
-    ball = Sphere(center=(0.0, 0.7, 1.5), radius=0.3)
-    viewer = Viewer(Still(replace(scene, collider=(*scene.collider, ball))), folder=tmp_path)
-    viewer.update()
-    grab_at(viewer)
-    assert viewer.hand is None
-    viewer.release("left")
-    grab_at(viewer, (0.45, 0.05, 0.5))
-    assert viewer.hand is not None
-
-
-def test_what_is_hidden_is_not_grabbed(viewer):
-    viewer.show = SHOWS.index("particles")
-    grab_at(viewer)  # the middle of a side has no particle
-    assert viewer.hand is None
-    viewer.release("left")
-    grab_at(viewer, (0.5, 0.0, 0.5))
-    assert len(viewer.simulation.held.particles) == 1
-
-
-def test_without_a_grab_force_the_view_turns_instead(viewer, monkeypatch):
-    def refuse(*_):
-        raise ValueError("the scene has no Grab() among its forces")
-
-    monkeypatch.setattr(viewer.simulation, "grab", refuse, raising=False)
-    at, eye = grab_at(viewer), viewer.viewpoint.eye.copy()
-    viewer.move((at[0] + 50.0, at[1]))
-    assert "Grab" in viewer.notice and viewer.viewpoint.eye[0] < eye[0]
-
-
-def test_the_grip_is_drawn_with_its_force(viewer):
-    at = grab_at(viewer)
-    viewer.move((at[0] + 100.0, at[1]))
-    viewer.update()
-    sheet = overlay(viewer)
-    assert any(text.words == "3.46 N" for text in sheet.texts)
-    ends = np.concatenate([line.points for line in sheet.lines])
-    assert np.abs(ends - at).max(1).min() < 0.5 and np.abs(ends - at - [100.0, 0.0]).max(1).min() < 0.5
 
 
 def test_arrows_push_along_the_ground_as_seen(viewer):
@@ -245,15 +123,6 @@ def test_g_turns_gravity_up_off_and_down_again(viewer):
         viewer.handle_key("g")
         seen.append(viewer.simulation.tuning["gravity"])
     assert seen == [(0.0, 9.81, 0.0), (0.0, 0.0, 0.0), (0.0, -9.81, 0.0)]
-
-
-def test_f_looks_at_the_jello_wherever_it_is(viewer):
-    viewer.simulation.put(viewer.simulation.body.x + [30.0, 7.0, -80.0])
-    for viewer.size in ((1280, 720), (400, 1000)):
-        viewer.handle_key("f")
-        places = viewer.viewpoint.project(viewer.simulation.x, viewer.size)
-        assert places.min() > 0.0 and (places < viewer.size).all()
-        assert max(np.ptp(places, axis=0) / viewer.size) > 0.4
 
 
 def test_m_goes_to_the_next_method_once_that_was_told(viewer):
@@ -306,76 +175,8 @@ def test_starting_again_lets_go(viewer):
     assert viewer.simulation.resets == 1 and viewer.simulation.held is None
 
 
-def test_zoom_keys(viewer):
-    far = viewer.viewpoint.distance
-    viewer.handle_key("w")
-    assert viewer.viewpoint.distance < far
-    viewer.handle_key("s")
-    assert viewer.viewpoint.distance == pytest.approx(far)
-
-
 def test_unknown_keys_do_nothing(viewer):
     assert not viewer.handle_key("z") and not viewer.handle_key("Shift")
-
-
-def test_p_saves_a_named_picture_or_says_why_not(viewer, tmp_path):
-    viewer.handle_key("p")
-    assert viewer.pictures.asked
-    viewer.take(np.zeros((4, 4, 3), np.uint8))
-    assert not viewer.pictures.asked and "jello-0.000s.png" in viewer.notice
-    assert (tmp_path / "jello-0.000s.png").stat().st_size > 0
-    viewer.handle_key("p")
-    viewer.take(np.zeros((4, 4, 3), np.uint8))
-    assert "jello-0.000s-2.png" in viewer.notice and len(list(tmp_path.glob("*.png"))) == 2
-    viewer.pictures.folder = tmp_path / "missing"
-    viewer.handle_key("p")
-    viewer.take(np.zeros((4, 4, 3), np.uint8))
-    assert viewer.notice.startswith("not saved")
-
-
-def test_v_films_exact_moments_and_ends_where_the_size_changes(viewer, tmp_path):
-    """Thirty frames a second of simulated time, however long drawing takes; an odd window loses a row."""
-    viewer.size = (64, 37)
-    start = viewer.simulation.time
-    viewer.handle_key("v")
-    assert viewer.filming
-    picture = np.zeros((37, 64, 3), np.uint8)
-    for slow in (0.001, 0.5, 0.02):
-        assert viewer.advance(slow) == round(1.0 / 30.0 / viewer.simulation.frame_dt)
-        viewer.take(picture)
-    assert viewer.simulation.time - start == pytest.approx(0.1)
-    viewer.handle_key("v")
-    assert not viewer.filming and "3 frames" in viewer.notice
-    (film,) = tmp_path.glob("*.mp4")
-    with av.open(str(film)) as container:
-        assert [frame.time for frame in container.decode(video=0)] == pytest.approx([0.0, 1 / 30, 2 / 30])
-    viewer.simulation.frame()
-    viewer.start_film()
-    viewer.take(picture)
-    viewer.take(picture[:20])
-    assert not viewer.filming and len(list(tmp_path.glob("*.mp4"))) == 2
-
-
-def test_a_film_lands_where_the_program_was_started(tmp_path, monkeypatch):
-    """GGUI shows a picture from another working folder, and films are written meanwhile."""
-    monkeypatch.chdir(tmp_path)
-    viewer = Viewer(Still(cube_scene(points=2)))
-    viewer.size = (64, 36)
-    (tmp_path / "elsewhere").mkdir()
-    monkeypatch.chdir(tmp_path / "elsewhere")
-    viewer.start_film()
-    viewer.take(np.zeros((36, 64, 3), np.uint8))
-    viewer.stop_film()
-    assert len(list(tmp_path.glob("*.mp4"))) == 1
-    viewer.start_film()
-    viewer.stop_film()
-    assert viewer.notice == "nothing was filmed" and len(list(tmp_path.glob("*.mp4"))) == 1
-
-
-def test_a_film_that_cannot_be_is_told(viewer, tmp_path):
-    viewer.pictures.folder = tmp_path / "nowhere"
-    viewer.handle_key("v")
-    assert not viewer.filming and viewer.notice.startswith("no film: ")
 
 
 def test_help_names_every_key(viewer):
