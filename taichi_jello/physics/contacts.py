@@ -16,6 +16,7 @@ AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and
 SLOTS = 16  # contacts of a point that are listed; if it has more, all contacts are looked through
 UNIT = 1024  # a whole contact in the count of what presses on a point, in which a corner has its share
 TINY = 1e-9  # m
+AROUND = (4, 6, 2, 3, 1, 5)  # the corners of a cell around its diagonal from corner 0 to corner 7
 SAME = 0.5  # the cosine above which a face faces as the point does that would leave by it
 BACK = 1 / 3  # of the distance to the face to leave by: within it a point near an edge goes back over that edge
 LOAD = 2  # whole contacts that press on one point with full stiffness: its own and one that it is a corner of
@@ -45,16 +46,6 @@ def nearest(p, a, b, c):
     else:
         w1, w2 = vb / (va + vb + vc), vc / (va + vb + vc)
     return ti.Vector([1.0 - w1 - w2, w1, w2])
-
-
-@ti.func
-def holds(d, a, b, g):
-    """Whether the tetrahedron with edges a, b, g from one corner holds the point d from there, either way round."""
-    normal = b.cross(g)
-    volume = a.dot(normal)
-    side = ti.select(volume < 0.0, -1.0, 1.0)
-    u, v, w = d.dot(normal) * side, a.dot(d.cross(g)) * side, a.dot(b.cross(d)) * side
-    return volume != 0.0 and u >= 0.0 and v >= 0.0 and w >= 0.0 and u + v + w <= ti.abs(volume)
 
 
 @ti.data_oriented
@@ -138,16 +129,27 @@ class Contacts:
 
     @ti.func
     def holds_point(self, e, p):
-        """Whether cell e, cut into six tetrahedra around its diagonal, holds the point p."""
+        """Whether cell e holds the point p. It is cut into six tetrahedra around its diagonal g, each with two corners
+        b and c that follow each other around it; d = p - corner 0 is inside if b · (d × g), c · (g × d) and b · (c × d)
+        are all of the sign of the volume b · (c × g), and their sum is not more."""
         box, inside = self.boxes[e], False
         low, high = ti.Vector([box[0], box[1], box[2]]), ti.Vector([box[3], box[4], box[5]])
         if (p >= low).all() and (p <= high).all():
-            a, g = self.there[self.near.nodes[e][0]], self.there[self.near.nodes[e][7]]
-            for k in range(6):  # along one axis from corner 0, then along another: the six ways to corner 7
-                if not inside:
-                    b = self.there[self.near.nodes[e][1 << (k >> 1)]]
-                    c = self.there[self.near.nodes[e][7 - (1 << ((k >> 1) + 1 + (k & 1)) % 3)]]
-                    inside = holds(p - a, b - a, c - a, g - a)
+            a, nodes = self.there[self.near.nodes[e][0]], self.near.nodes[e]
+            g, d = self.there[nodes[7]] - a, p - a
+            plane = d.cross(g)
+            b = self.there[nodes[AROUND[0]]] - a
+            side = b.dot(plane)
+            for k in ti.static(range(6)):
+                c = self.there[nodes[AROUND[(k + 1) % 6]]] - a
+                its_side = c.dot(plane)
+                if side * its_side <= 0.0:
+                    volume = b.dot(c.cross(g))
+                    sign = ti.select(volume < 0.0, -1.0, 1.0)
+                    u, v, w = side * sign, -its_side * sign, b.dot(c.cross(d)) * sign
+                    if volume != 0.0 and u >= 0.0 and v >= 0.0 and w >= 0.0 and u + v + w <= ti.abs(volume):
+                        inside = True
+                b, side = c, its_side
         return inside
 
     @ti.func

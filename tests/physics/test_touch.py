@@ -112,6 +112,19 @@ def test_a_pair_that_overlaps_by_half_comes_apart(shift):
     assert simulation.energies()["contact"] == 0.0
 
 
+def test_however_two_that_overlap_by_half_are_turned_they_come_apart(crash):
+    first, draw = crash.body.jello == 0, np.random.default_rng(0)
+    rest = crash.body.rest[first]
+    for _ in range(6):
+        turn, way = np.linalg.qr(draw.standard_normal((3, 3)))[0], draw.standard_normal(3)
+        turn *= np.sign(np.linalg.det(turn))
+        x = np.concatenate([rest, rest @ turn.T + 0.5 * way / np.linalg.norm(way)])
+        crash.restore(Snapshot(0.0, x, np.zeros_like(x)))
+        crash.advance(0.25)
+        low, high = middles(crash)
+        assert np.linalg.norm(high - low) > np.sqrt(3.0) and crash.energies()["contact"] == 0.0
+
+
 def test_a_corner_that_comes_in_over_an_edge_is_not_pressed_at_once_as_deep_as_it_is_behind_it(crash):
     """A corner 0.1 m below the top of the other cube crosses its side, towards which it faces."""
     first = crash.body.jello == 0

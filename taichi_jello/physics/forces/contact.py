@@ -8,6 +8,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces._base import ParticleForce, Rates, block, even_block
+from taichi_jello.physics.state import Memory
 from taichi_jello.physics.sweep import Sweep
 
 FEW = 3  # surfaces up to which a look at each is as quick as asking first whether any is near
@@ -28,6 +29,29 @@ def rub(pressed, u, friction, grip):
     return -limit * grip / ti.sqrt(grip * grip * u.dot(u) + limit * limit + 1e-30) * u
 
 
+class ContactLaw:
+    """What every contact of a scene goes by, live: `law` holds stiffness, damping, friction and grip. A force with it
+    defines `grip`, the viscous part of friction [N·s/m]."""
+
+    contact: Any
+    grip: float
+
+    def _set_law(self, contact: Any, memory: Memory, title: str) -> None:
+        self.contact, self.rubs, self._number = contact, contact.friction > 0.0, memory.number
+        self.law = memory.table(title, "law", np.array([self._law()]))
+
+    def _law(self) -> tuple[float, ...]:
+        return self.contact.stiffness, self.contact.damping, self.contact.friction, self.grip
+
+    def tuning(self) -> dict[str, Any]:
+        numbers = {"contact_stiffness": self.contact.stiffness, "contact_damping": self.contact.damping}
+        return numbers | ({"friction": self.contact.friction} if self.rubs else {})
+
+    def tune(self, name: str, value: Any) -> None:
+        self.contact = replace(self.contact, **{name.removeprefix("contact_"): float(value)})
+        self.law.from_numpy(np.array([self._law()], self._number))
+
+
 @dataclass(frozen=True)
 class Group:
     """Rows `start` to `stop` of the surfaces share one signed distance, and where they are solids a core."""
@@ -43,7 +67,7 @@ class Group:
 
 
 @ti.data_oriented
-class PenaltyContact(ParticleForce):
+class PenaltyContact(ContactLaw, ParticleForce):
     title = "contact"
     energy_kind = "contact"
     reads_velocity = True
@@ -51,7 +75,7 @@ class PenaltyContact(ParticleForce):
     works = ("contact dashpots", "friction", "moving colliders")
 
     def __init__(self, scene, particles):
-        self.particles, self.colliders, self.contact = particles, self._sorted(scene.collider), scene.contact
+        self.particles, self.colliders = particles, self._sorted(scene.collider)
         self.inverse_mass = 1.0 / float(particles.body.mass.min())
         self.lanes, self.Lanes = particles.memory.lanes, particles.memory.lane_vector
         counts = [len(c.rows(0.0, 1.0)) for c in self.colliders]
@@ -64,8 +88,7 @@ class PenaltyContact(ParticleForce):
             else:
                 groups.append(Group(collider.signed_distance, collider.core_entry, int(end - count), int(end)))
         self.groups = tuple(groups)
-        self.rubs = scene.contact.friction > 0.0
-        self.law = particles.memory.table(self.title, "law", np.array([self._law()]))
+        self._set_law(scene.contact, particles.memory, self.title)
         self.rows = particles.memory.table(self.title, "surfaces", self._rows(0.0, scene.solver.frame_dt))
         self.moving = (
             any(c.keyframe for c in self.colliders)
@@ -99,17 +122,6 @@ class PenaltyContact(ParticleForce):
     def grip(self):
         """The viscous part of friction [N·s/m], which may be as stiff as the contact spring is: see rates()."""
         return sqrt(self.contact.stiffness * float(self.particles.body.mass.min()))
-
-    def _law(self):
-        return self.contact.stiffness, self.contact.damping, self.contact.friction, self.grip
-
-    def tuning(self):
-        numbers = {"contact_stiffness": self.contact.stiffness, "contact_damping": self.contact.damping}
-        return numbers | ({"friction": self.contact.friction} if self.rubs else {})
-
-    def tune(self, name, value):
-        self.contact = replace(self.contact, **{name.removeprefix("contact_"): float(value)})
-        self.law.from_numpy(np.array([self._law()], self.particles.memory.number))
 
     @staticmethod
     def _sorted(colliders):

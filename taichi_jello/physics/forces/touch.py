@@ -4,7 +4,6 @@ What a point feels that touches another jello (see physics/contacts.py), the tri
 shared by the place that is touched.
 """
 
-from dataclasses import replace
 from math import hypot, sqrt
 
 import numpy as np
@@ -12,12 +11,12 @@ import taichi as ti
 
 from taichi_jello.physics.contacts import AT_ONCE, LOAD, Contacts
 from taichi_jello.physics.forces._base import ParticleForce, Rates, block, even_block
-from taichi_jello.physics.forces.contact import pressure, rub
+from taichi_jello.physics.forces.contact import ContactLaw, pressure, rub
 from taichi_jello.physics.forces.skin_contact import SkinContact
 
 
 @ti.data_oriented
-class Touch(ParticleForce):
+class Touch(ContactLaw, ParticleForce):
     title = "touch"
     energy_kind = "contact"
     reads_velocity = True
@@ -26,11 +25,10 @@ class Touch(ParticleForce):
 
     def __init__(self, scene, particles, itself):
         body, memory = particles.body, particles.memory
-        self.particles, self.contact, self.number = particles, scene.contact, memory.number
+        self.particles, self.frame_dt = particles, scene.solver.frame_dt
         self.contacts = Contacts(self.title, body, memory, scene.contact.touch, itself)
         self.near, self.points, self.rounds = self.contacts.near, self.contacts.points, self.contacts.rounds
-        self.rubs, self.frame_dt = scene.contact.friction > 0.0, scene.solver.frame_dt
-        self.law = memory.table(self.title, "law", np.array([self._law()]))
+        self._set_law(scene.contact, memory, self.title)
         touching = self.near.touching
         self.inverse_mass = self._steepest(body, touching)
         if self.near.skinned:
@@ -54,17 +52,6 @@ class Touch(ParticleForce):
         """How stiff unit springs at all points can be, over mass [1/kg]; see SkinContact."""
         bare = 1.0 / float(body.mass[~body.embedded].min(initial=np.inf))
         return max(bare, SkinContact._steepest(body, touching.share[touching.bare :]) if len(body.skin) else 0.0)
-
-    def _law(self):
-        return self.contact.stiffness, self.contact.damping, self.contact.friction, self.grip
-
-    def tuning(self):
-        numbers = {"contact_stiffness": self.contact.stiffness, "contact_damping": self.contact.damping}
-        return numbers | ({"friction": self.contact.friction} if self.rubs else {})
-
-    def tune(self, name, value):
-        self.contact = replace(self.contact, **{name.removeprefix("contact_"): float(value)})
-        self.law.from_numpy(np.array([self._law()], self.number))
 
     def rates(self):
         """Row i of M⁻¹K sums to at most 2/m k Σ|g|, g its weight in each contact, and no load Σ|g| counts for more
