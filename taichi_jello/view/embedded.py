@@ -11,8 +11,9 @@ from taichi_jello.view.subdivide import smooth_patches
 @ti.kernel
 def carry(
     x: Array2,
-    corners: Index2,
-    weights: Array2,
+    cells: Index2,
+    first: Index1,
+    places: Array2,
     index: Index2,
     start: Index1,
     face: Index1,
@@ -20,15 +21,22 @@ def carry(
     flat: Array2,
     normals: Array2,
 ):
-    """points: the means of the particles x at their `corners` by `weights`; flat: the normals of the triangles `index`,
-    as long as twice their area; normals: for each point the sum over its triangles face[start[i]] …, at length 1."""
-    ti.loop_config(block_dim=4096)
-    for i in range(points.shape[0]):
-        p = vec3(0.0)
-        for k in ti.static(range(8)):
-            p += weights[i, k] * row(x, corners[i, k])
-        for axis in ti.static(range(3)):
-            points[i, axis] = p[axis]
+    """points: those from first[c] to first[c + 1] are where their places, 0 to 1 along each side, are in cell c with
+    its corners `cells` at x; flat: the normals of the triangles `index`, as long as twice their area; normals: for each
+    point the sum over its triangles face[start[i]] …, at length 1."""
+    ti.loop_config(block_dim=64)
+    for c in range(cells.shape[0]):
+        # The trilinear map as a polynomial: what a step along a, b and c adds, and what two and all three do beyond.
+        p, pc, pb, pbc = row(x, cells[c, 0]), row(x, cells[c, 1]), row(x, cells[c, 2]), row(x, cells[c, 3])
+        pa, pac, pab, pabc = row(x, cells[c, 4]), row(x, cells[c, 5]), row(x, cells[c, 6]), row(x, cells[c, 7])
+        a, b, d = pa - p, pb - p, pc - p
+        ab, ad, bd = pab - pa - b, pac - pa - d, pbc - pb - d
+        abd = pabc - pab - pac + pa - bd
+        for i in range(first[c], first[c + 1]):
+            at = row(places, i)
+            q = p + at[0] * (a + at[1] * (ab + at[2] * abd) + at[2] * ad) + at[1] * (b + at[2] * bd) + at[2] * d
+            for axis in ti.static(range(3)):
+                points[i, axis] = q[axis]
     ti.loop_config(block_dim=4096)
     for t in range(index.shape[0]):
         a = row(points, index[t, 0])
@@ -61,15 +69,23 @@ class Embedded:
         new = (np.diff(corner[order], prepend=-1) != 0) | (np.diff(patch[order], prepend=-1) != 0)
         chosen, which = order[new], np.empty(len(order), np.int64)
         which[order] = np.cumsum(new) - 1
+        # Points cell by cell and triangles after their points: what is read together lies together.
+        cells, cell = np.unique(body.skin_corners[corner[chosen]], axis=0, return_inverse=True)
+        by_cell = np.argsort(cell.ravel(), kind="stable")
+        chosen, index = chosen[by_cell], np.argsort(by_cell)[which].reshape(-1, 3)
+        by_point = np.argsort(index.min(1), kind="stable")
         point, count = corner[chosen], np.diff(start)[chosen]
         own = np.repeat(start[:-1][chosen] - np.cumsum(count) + count, count) + np.arange(count.sum())
-        self.index = np.ascontiguousarray(which.reshape(-1, 3), np.int32)
+        self.index = np.ascontiguousarray(index[by_point], np.int32)
         self.jello = body.jello[body.skin_corners[point, 0]]
         self.normals = np.zeros((len(point), 3), np.float32)
-        self._corners = np.ascontiguousarray(body.skin_corners[point], np.int32)
-        self._weights = np.ascontiguousarray(body.skin_weights[point], np.float32)
+        self._cells = np.ascontiguousarray(cells, np.int32)
+        self._first = np.searchsorted(cell.ravel()[by_cell], np.arange(len(cells) + 1)).astype(np.int32)
+        # Trilinear weights sum to the place in the cell over the corners that are one step along each side.
+        sides = np.array([[k >> 2, k >> 1 & 1, k & 1] for k in range(8)])
+        self._places = (body.skin_weights[point] @ sides).astype(np.float32)
         self._start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
-        self._face = np.ascontiguousarray(faces[own], np.int32)
+        self._face = np.argsort(by_point)[faces[own]].astype(np.int32)
         self._flat = np.zeros((len(self.index), 3), np.float32)
 
     def __len__(self) -> int:
@@ -77,4 +93,5 @@ class Embedded:
 
     def update(self, x: np.ndarray, points: np.ndarray) -> None:
         """Write the points (P, 3) float32 for particles at x (N, 3) float32 [m], and the normals."""
-        carry(x, self._corners, self._weights, self.index, self._start, self._face, points, self._flat, self.normals)
+        held = self._cells, self._first, self._places
+        carry(x, *held, self.index, self._start, self._face, points, self._flat, self.normals)
