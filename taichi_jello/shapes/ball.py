@@ -48,6 +48,10 @@ class Ball(Jello):
             raise SceneError("resolution", f"expected at most {round(LARGEST ** (1 / 3)) - 1}, got {resolution}")
         return super().check() | {"radius": number("radius", self.radius, above=0.0), "resolution": resolution}
 
+    def skin(self) -> tuple[np.ndarray, np.ndarray]:
+        """A mesh of the unit sphere, fine enough for its cells."""
+        return sphere(FINE * 2.0 / self.resolution)
+
     def body(self) -> Body:
         n, r = self.resolution, self.radius
         fine = (np.arange(n * SAMPLES) + 0.5) / (n * SAMPLES) * 2.0 - 1.0
@@ -57,5 +61,5 @@ class Ball(Jello):
         nearest = np.maximum(np.maximum(line[:-1], -line[1:]), 0.0) ** 2  # of each cell to the middle
         filled = nearest[:, None, None] + nearest[:, None] + nearest < 1.0 - 1e-9
         within = line[:, None, None] ** 2 + line[:, None] ** 2 + line**2 <= 1.0
-        points, triangles = sphere(FINE * 2.0 / n)
+        points, triangles = self.skin()
         return skinned_body(self, r * points, triangles, filled, fraction, 2.0 * r / n, within)

@@ -24,6 +24,8 @@ from taichi_jello.sceneio import load
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Simulation
 from taichi_jello.studies._report import REPEATS, headline, machine, spread
+from taichi_jello.studies._scenes import crowd_row, skin_row
+from taichi_jello.studies._scenes import lines as scene_lines
 
 DT = 1e-6  # s; so short that nothing moves far: every pass does the same work
 LAUNCH = 200  # steps in a launch at most, about a drawn frame's
@@ -201,7 +203,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     cases = list(kernel_cases(arch, chosen.threads, chosen.quick))
     work = pieces(arch, cases, chosen.quick, told)
     try:
-        for _ in bar(work, "speed", quiet=chosen.quiet, total=len(cases) + 4):
+        for _ in bar(work, "speed", quiet=chosen.quiet, total=len(cases) + 5):
             pass
     except KeyboardInterrupt:
         told["interrupted"] = True
@@ -221,6 +223,9 @@ def pieces(arch: str, cases: list[dict[str, Any]], quick: bool, told: dict[str, 
     told["renderers"] = renderer_rows(arch, quick, least, repeats)
     yield
     told["window"] = window_row(arch, 20 if quick else 60)
+    yield
+    told["crowd"] = crowd_row(arch, 0.5 if quick else 4.0)
+    told["skin"] = skin_row(arch, least, repeats)
     yield
     if not quick:
         told["start_up_seconds"] = start_up()
@@ -259,6 +264,7 @@ def text(told: dict[str, Any]) -> str:
             f"window: {row['frame_ms']:.1f} ms a frame, {row['physics_ms']:.1f} of them physics; "
             f"{row['ratio']:.2f} times GGUI alone with the same primitives, {row['ggui_alone_ms']:.1f} ms"
         )
+    lines += scene_lines(told)
     for state, seconds in told["start_up_seconds"].items():
         lines.append(
             f"`jello shot cube`, {state} kernel cache: {seconds['median']:.2f} s (at best {seconds['min']:.2f})"

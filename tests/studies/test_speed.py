@@ -21,8 +21,13 @@ def test_ctrl_c_keeps_what_was_measured(monkeypatch):
     monkeypatch.setattr("taichi_jello.view.ggui.has_vulkan", lambda: False)
     told = speed.measure(argparse.Namespace(arch="cpu", threads=1, quick=True, quiet=True))
     told["window"] = speed.window_row("cpu", frames=1)
+    told["skin"] = speed.skin_row("cpu", 0.0, 1)
+    told["crowd"] = {"seconds": 4.0, "threads": 2, "ms": 12.3, "worst_ms": 20.0, "last_ms": 10.0, "real_time_ms": 16.7,
+                     "search_share": 0.21}  # fmt: skip
+    assert 30_000 < told["skin"]["points"] < 45_000 and told["skin"]["min_ms"] > 0.0
     page = speed.text(told)
     assert "window: not measured: no Vulkan driver works here" in page
+    assert "12.3 ms a frame" in page and "contact search 21 % of it" in page and "points carried along" in page
     assert told["interrupted"] and "       300  " in page
     assert page.endswith("interrupted: the table holds what was measured until then")
 

@@ -1,0 +1,90 @@
+"""What single lattices do not show of speed: many jellos that touch each other, and a fine skin carried along."""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from taichi_jello import runtime
+from taichi_jello.body import join
+from taichi_jello.sceneio import load
+from taichi_jello.shapes.ball import Ball, sphere
+from taichi_jello.simulation import Simulation
+from taichi_jello.studies._report import spread
+from taichi_jello.view.embedded import Embedded
+
+SECTION = 0.5  # s of a scene's time, the worst of which is told
+FINE = 0.04  # about the edges of the skin on a ball of radius 1: some 18 000 points
+CELLS = 16  # across the ball
+
+
+@dataclass(frozen=True, kw_only=True)
+class FineBall(Ball):
+    """A ball with a skin much finer than its cells."""
+
+    def skin(self) -> tuple[np.ndarray, np.ndarray]:
+        return sphere(FINE)
+
+
+def crowd_row(arch: str, seconds: float) -> dict[str, Any]:
+    """Milliseconds a frame of the demo `crowd` over its first `seconds`: mean, the worst section, the last one; and the
+    share of all that which the search for what is near what takes, 0 to 1."""
+    from taichi_jello.physics.forces.touch import Touch
+
+    runtime.start(arch)
+    simulation = Simulation(load("crowd"))
+    near = next(force.near for force in simulation.system.all_forces if isinstance(force, Touch))
+    search, searched = near.refresh, 0.0
+
+    def timed(*arguments: Any) -> None:
+        nonlocal searched
+        start = time.perf_counter()
+        search(*arguments)
+        searched += time.perf_counter() - start
+
+    simulation.frame()  # compiles
+    simulation.reset()
+    near.refresh = timed
+    frames, times = round(seconds / simulation.frame_dt), []
+    for _ in range(frames):
+        start = time.perf_counter()
+        simulation.frame()
+        times.append(1e3 * (time.perf_counter() - start))
+    sections = [part.mean() for part in np.array_split(times, max(1, round(seconds / SECTION)))]
+    return {
+        "seconds": seconds,
+        "ms": float(np.mean(times)),
+        "worst_ms": float(max(sections)),
+        "last_ms": float(sections[-1]),
+        "real_time_ms": 1e3 * simulation.frame_dt,
+        "search_share": 1e3 * searched / float(np.sum(times)),
+        "threads": runtime.current().threads,
+    }
+
+
+def skin_row(arch: str, least: float, repeats: int) -> dict[str, Any]:
+    """Milliseconds that points and normals of two fine skins take to follow their cells."""
+    runtime.start(arch)
+    ball = FineBall(resolution=CELLS).body()
+    body = join([ball, ball])
+    skin, x = Embedded(body), body.x.astype(np.float32)
+    points = np.zeros((len(skin), 3), np.float32)
+    seconds = spread(lambda: skin.update(x, points), least, repeats)
+    return {"points": len(skin), "triangles": len(skin.index)} | {f"{k}_ms": 1e3 * s for k, s in seconds.items()}
+
+
+def lines(told: dict[str, Any]) -> list[str]:
+    """The same as text."""
+    crowd, skin, found = told.get("crowd"), told.get("skin"), []
+    if crowd:
+        found.append(
+            f"crowd, the first {crowd['seconds']:g} s, {crowd['threads']} threads: {crowd['ms']:.1f} ms a frame "
+            f"(real time: {crowd['real_time_ms']:.1f}), {crowd['worst_ms']:.1f} in the worst {SECTION:g} s, "
+            f"{crowd['last_ms']:.1f} in the last; contact search {100.0 * crowd['search_share']:.0f} % of it"
+        )
+    if skin:
+        found.append(
+            f"skin of {skin['points']} points carried along: {skin['min_ms']:.2f} ms ({skin['median_ms']:.2f})"
+        )
+    return found
