@@ -19,6 +19,13 @@ def _torn(body: Body, whole: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     return np.isin(low * len(body) + high, lost[:, 0] * len(body) + lost[:, 1])
 
 
+def still_there(body: Body, whole: np.ndarray, cells: np.ndarray, thin: np.ndarray) -> np.ndarray:
+    """(C + E,) bool: which of the cells (C, 8), and of the triangles and segments `thin` (E, 3), a segment's second
+    particle repeated, are not parted while only the springs `whole` (S,) hold."""
+    hold = _torn(body, whole, cells[:, EDGES]).sum(1) < BROKEN
+    return np.concatenate([hold, ~_torn(body, whole, thin[:, [[0, 1], [1, 2], [2, 0]]]).any(1)])
+
+
 def parted(body: Body, whole: np.ndarray) -> Body:
     """The body with what is left of its skins while only the springs `whole` (S,) hold.
 
@@ -26,10 +33,9 @@ def parted(body: Body, whole: np.ndarray) -> Body:
     skin the triangles in such cells; a sheet the triangles of which an edge is torn."""
     hurt = np.unique(body.jello[body.springs[~whole, 0]])
     solid = np.unique(body.jello[body.cells[:, 0]])
-    kept = body.cells[_torn(body, whole, body.cells[:, EDGES]).sum(1) < BROKEN]
-    owner = body.jello[body.surface[:, 0]]
-    around = body.surface[:, [[0, 1], [1, 2], [2, 0]]]
-    stays = ~np.isin(owner, np.intersect1d(hurt, solid)) & ~_torn(body, whole, around).any(1)
+    there = still_there(body, whole, body.cells, body.surface)
+    kept, owner = body.cells[there[: len(body.cells)]], body.jello[body.surface[:, 0]]
+    stays = ~np.isin(owner, np.intersect1d(hurt, solid)) & there[len(body.cells) :]
     bare = kept[np.isin(body.jello[kept[:, 0]], hurt)]
     inside = np.isin(body.skin_corners[:, 0], kept[:, 0])  # a cell is the only one with its first corner
     return replace(

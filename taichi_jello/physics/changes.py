@@ -34,8 +34,8 @@ class Change:
 class SpringChange(Change):
     """Keyframes of stiffness, damping and rest lengths, freezing, tearing, yield and creep, in this order."""
 
-    def __init__(self, scene: Scene, body: Body, springs: Any):
-        self.scene, self.body, self.springs = scene, body, springs
+    def __init__(self, scene: Scene, body: Body, springs: Any, touch: Any):
+        self.scene, self.body, self.springs, self.touch = scene, body, springs, touch
         self.creep = by_jello(scene, body, [jello.creep for jello in scene.jello])
         self.yield_strain = by_jello(scene, body, [jello.yield_strain for jello in scene.jello])
         self.tear_strain = by_jello(scene, body, [jello.tear_strain for jello in scene.jello])
@@ -50,7 +50,7 @@ class SpringChange(Change):
     @classmethod
     def made_for(cls, scene: Scene, body: Body, forces: dict[str, Any]) -> list["SpringChange"]:
         wanted = any(jello.changes for jello in scene.jello)
-        return [cls(scene, body, forces["springs"])] if wanted and "springs" in forces else []
+        return [cls(scene, body, forces["springs"], forces.get("touch"))] if wanted and "springs" in forces else []
 
     def fresh(self) -> dict[str, np.ndarray]:
         memory = {}
@@ -135,6 +135,8 @@ class SpringChange(Change):
     def _tell(self) -> None:
         if not _same(self.obeyed, self.law):
             self.springs.obey(self.law)
+            if self.touch:
+                self.touch.obey(self.law)
             self.obeyed = self.law
 
 

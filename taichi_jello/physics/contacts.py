@@ -11,6 +11,7 @@ import taichi as ti
 
 from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.touching import FAR, Touching
+from taichi_jello.torn import still_there
 
 AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and left out
 SLOTS = 16  # contacts of a point that are listed; if it has more, all contacts are looked through
@@ -57,8 +58,10 @@ class Contacts:
 
     rounds = 4
 
-    def __init__(self, title, body, memory, others, itself):
+    def __init__(self, title, body, memory, others, itself, tears):
+        """tears: whether springs may; an element that is parted is not touched any more."""
         touching = Touching.of(body)
+        self.body, self.tears = body, tears
         self.near = Neighbours(title, body, memory, touching, others, itself)
         self.points, self.solid = len(touching.points), touching.solid
         self.has_solid, self.has_thin = touching.solid > 0, touching.solid < len(touching.nodes)
@@ -79,6 +82,8 @@ class Contacts:
             self.boxes = memory.zeros(title, "boxes of cells", (self.solid, 6))
         if self.near.skinned:
             self.parts = table("shares", touching.share)
+        if tears:
+            self.holds = table("elements not parted", np.ones(len(touching.nodes), np.int32))
         self.there = memory.vectors(title, "x looked at")
         self.place = memory.zeros(title, "places", (self.points, 3))
         count = AT_ONCE * self.points
@@ -117,6 +122,20 @@ class Contacts:
         else:
             for q in range(from_, to):
                 self.settle(q)
+
+    def obey(self, law):
+        """Let go of what is torn (see taichi_jello.law)."""
+        if self.tears:
+            nodes = self.near.touching.nodes
+            there = still_there(self.body, law.whole, nodes[: self.solid], nodes[self.solid :, :3])
+            self.holds.from_numpy(there.astype(np.int32))
+
+    @ti.func
+    def is_whole(self, e):
+        whole = True
+        if ti.static(self.tears):
+            whole = self.holds[e] == 1
+        return whole
 
     @ti.func
     def box(self, e):
@@ -170,11 +189,11 @@ class Contacts:
                     met += self.note(q, met, corners, weights, best, solid, v, ahead)
                 jello, solid, best = other, e < self.solid, FAR
             if ti.static(self.has_solid):  # noqa: SIM102
-                if k < end and solid and best == FAR:  # noqa: SIM102
+                if k < end and solid and best == FAR and self.is_whole(e):  # noqa: SIM102
                     if self.holds_point(e, p):
                         best, corners, weights = self.leave(e, p, p - self.there[self.inner[q]])
             if ti.static(self.has_thin):  # noqa: SIM102
-                if k < end and not solid:
+                if k < end and not solid and self.is_whole(e):
                     nodes = self.near.nodes[e]
                     own = ti.Vector([self.point_of[nodes[0]], self.point_of[nodes[1]], self.point_of[nodes[2]]])
                     best, corners, weights = self.nearer(p, own, best, corners, weights)

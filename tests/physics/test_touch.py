@@ -1,5 +1,7 @@
 """Contact of jellos with each other: equal and opposite, at rest, at speed, from deep inside; thin ones; themselves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -224,6 +226,23 @@ def test_a_folded_rope_feels_itself_only_where_it_is_asked_to():
 
     assert arms_apart(False) < 0.05
     assert arms_apart(True) > 0.1
+
+
+def test_what_is_torn_away_is_not_touched_any_more():
+    """A small cube stands in the middle one of three cells, whose edges along x tear."""
+    slab = Box(points=(4, 2, 2), size=(3.0, 1.0, 1.0), tear_strain=0.5)
+    simulation = Simulation(
+        Scene(**WEIGHTLESS, jello=[slab, cube(0.0, 0.6, 0.0, points=2, size=(0.4, 0.4, 0.4))]), method="rk4"
+    )
+    assert simulation.energies()["contact"] > 0.0
+    before, body = simulation.snapshot(), simulation.body
+    middle = np.abs(body.rest[body.springs].mean(1)[:, 0]) < 0.1
+    torn = middle & (body.family == 0) & (np.abs(body.direction[:, 0]) > 0.9) & (body.jello[body.springs[:, 0]] == 0)
+    assert torn.sum() == 4
+    simulation.restore(replace(before, memory=before.memory | {"whole": ~torn}))
+    assert simulation.energies()["contact"] == 0.0
+    simulation.restore(before)
+    assert simulation.energies()["contact"] > 0.0
 
 
 def test_touch_is_compiled_only_where_jellos_may_touch():

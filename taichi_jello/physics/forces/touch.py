@@ -26,7 +26,8 @@ class Touch(ContactLaw, ParticleForce):
     def __init__(self, scene, particles, itself):
         body, memory = particles.body, particles.memory
         self.particles, self.frame_dt = particles, scene.solver.frame_dt
-        self.contacts = Contacts(self.title, body, memory, scene.contact.touch, itself)
+        tears = any(jello.tear_strain for jello in scene.jello)
+        self.contacts = Contacts(self.title, body, memory, scene.contact.touch, itself, tears)
         self.near, self.points, self.rounds = self.contacts.near, self.contacts.points, self.contacts.rounds
         self._set_law(scene.contact, memory, self.title)
         touching = self.near.touching
@@ -196,6 +197,9 @@ class Touch(ContactLaw, ParticleForce):
             if self.contacts.point_of[i] >= 0:
                 total = self.lost(self.contacts.point_of[i], x, v)
         return total
+
+    def obey(self, law):
+        self.contacts.obey(law)
 
     def begin_frame(self, start, end):
         self.near.begin_frame(start)
