@@ -9,6 +9,7 @@ points keep a radius away from their triangles and segments.
 import numpy as np
 import taichi as ti
 
+from taichi_jello.physics.elements import cell_holds, nearest
 from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.touching import FAR, Touching
 from taichi_jello.torn import still_there
@@ -17,36 +18,9 @@ AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and
 SLOTS = 16  # contacts of a point that are listed; if it has more, all contacts are looked through
 UNIT = 1024  # a whole contact in the count of what presses on a point, in which a corner has its share
 TINY = 1e-9  # m
-AROUND = (4, 6, 2, 3, 1, 5)  # the corners of a cell around its diagonal from corner 0 to corner 7
 SAME = 0.5  # the cosine above which a face faces as the point does that would leave by it
 BACK = 1 / 3  # of the distance to the face to leave by: within it a point near an edge goes back over that edge
 LOAD = 2  # whole contacts that press on one point with full stiffness: its own and one that it is a corner of
-
-
-@ti.func
-def nearest(p, a, b, c):
-    """The weights of the corners a, b, c in the point of their triangle that is nearest to p; of a segment if b = c
-    (Ericson, Real-Time Collision Detection, 5.1.5)."""
-    ab, ac, ap, bp, cp = b - a, c - a, p - a, p - b, p - c
-    d1, d2, d3, d4, d5, d6 = ab.dot(ap), ac.dot(ap), ab.dot(bp), ac.dot(bp), ab.dot(cp), ac.dot(cp)
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    w1, w2 = ti.cast(0.0, float), ti.cast(0.0, float)
-    if d1 <= 0.0 and d2 <= 0.0:
-        pass
-    elif d3 >= 0.0 and d4 <= d3:
-        w1 = 1.0
-    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        w1 = d1 / (d1 - d3)
-    elif d6 >= 0.0 and d5 <= d6:
-        w2 = 1.0
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        w2 = d2 / (d2 - d6)
-    elif va <= 0.0 and d4 >= d3 and d5 >= d6:
-        w2 = (d4 - d3) / (d4 - d3 + d5 - d6)
-        w1 = 1.0 - w2
-    else:
-        w1, w2 = vb / (va + vb + vc), vc / (va + vb + vc)
-    return ti.Vector([1.0 - w1 - w2, w1, w2])
 
 
 @ti.data_oriented
@@ -148,27 +122,10 @@ class Contacts:
 
     @ti.func
     def holds_point(self, e, p):
-        """Whether cell e holds the point p. It is cut into six tetrahedra around its diagonal g, each with two corners
-        b and c that follow each other around it; d = p - corner 0 is inside if b · (d × g), c · (g × d) and b · (c × d)
-        are all of the sign of the volume b · (c × g), and their sum is not more."""
         box, inside = self.boxes[e], False
         low, high = ti.Vector([box[0], box[1], box[2]]), ti.Vector([box[3], box[4], box[5]])
         if (p >= low).all() and (p <= high).all():
-            a, nodes = self.there[self.near.nodes[e][0]], self.near.nodes[e]
-            g, d = self.there[nodes[7]] - a, p - a
-            plane = d.cross(g)
-            b = self.there[nodes[AROUND[0]]] - a
-            side = b.dot(plane)
-            for k in ti.static(range(6)):
-                c = self.there[nodes[AROUND[(k + 1) % 6]]] - a
-                its_side = c.dot(plane)
-                if side * its_side <= 0.0:
-                    volume = b.dot(c.cross(g))
-                    sign = ti.select(volume < 0.0, -1.0, 1.0)
-                    u, v, w = side * sign, -its_side * sign, b.dot(c.cross(d)) * sign
-                    if volume != 0.0 and u >= 0.0 and v >= 0.0 and w >= 0.0 and u + v + w <= ti.abs(volume):
-                        inside = True
-                b, side = c, its_side
+            inside = cell_holds(self.near.nodes[e], self.there, p)
         return inside
 
     @ti.func

@@ -10,6 +10,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.body import Body
+from taichi_jello.physics.boxes import TINY, axes_of, box_around, levers, meet
 from taichi_jello.physics.boxtree import BoxTree
 from taichi_jello.physics.state import ALONE, Memory
 from taichi_jello.physics.touching import Touching
@@ -21,35 +22,6 @@ OWN = 2.5  # distances between the points within which a jello does not touch it
 LEAST, MOST = 0.4, 0.6  # a margin's usual size, in distances between the points
 AHEAD = 0.5  # how far jellos may go by each other before the lists are made again, in distances between the points
 LONGEST = 60.0  # how long lists last at most, in frames
-TINY = 1e-12
-
-
-@ti.func
-def axes_of(a):
-    """Three unit vectors square to each other, the rows of a matrix, along the columns of a as well as may be."""
-    e0 = ti.Vector([a[0, 0], a[1, 0], a[2, 0]])
-    e0 = ti.select(e0.norm() > TINY, e0 / ti.max(e0.norm(), TINY), ti.Vector([1.0, 0.0, 0.0]))
-    e1 = ti.Vector([a[0, 1], a[1, 1], a[2, 1]])
-    e1 -= e0.dot(e1) * e0
-    if not e1.norm() > 1e-3 * ti.abs(a).max():
-        e1 = ti.select(ti.abs(e0[0]) < 0.7, ti.Vector([1.0, 0.0, 0.0]), ti.Vector([0.0, 1.0, 0.0]))
-        e1 -= e0.dot(e1) * e0
-    e1 /= e1.norm()
-    return ti.Matrix.rows([e0, e1, e0.cross(e1)])
-
-
-@ti.func
-def box_around(low, high):
-    return ti.Vector([low[0], low[1], low[2], high[0], high[1], high[2]])
-
-
-@ti.func
-def meet(box, low, high):
-    """Whether a box meets the one from `low` to `high`."""
-    within = True
-    for axis in ti.static(range(3)):
-        within = within and box[axis] <= high[axis] and low[axis] <= box[axis + 3]
-    return within
 
 
 @ti.data_oriented
@@ -338,13 +310,3 @@ class Neighbours:
             strays = (x[i] - self.ref[i] - since * drift).norm() + dt * (v[i] - drift).norm()
             if strays > SPARE * self.margin[i] or since + dt > self.clock[1] or since < -0.5 * dt:
                 self.state[0] = 1
-
-
-def levers(body: Body) -> np.ndarray:
-    """(N, 3): by which the places of a jello's particles give its stretch and turn, Σ x ⊗ lever, by least squares."""
-    found = np.zeros((len(body), 3))
-    for j in range(int(body.jello.max()) + 1):
-        own = body.jello == j
-        arm = body.rest[own] - body.rest[own].mean(0)
-        found[own] = arm @ np.linalg.pinv(arm.T @ arm, rcond=1e-6)
-    return found

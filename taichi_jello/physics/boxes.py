@@ -1,0 +1,46 @@
+"""Boxes along the axes that a jello has now: the axes, and whether two boxes meet."""
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.body import Body
+
+TINY = 1e-12
+
+
+def levers(body: Body) -> np.ndarray:
+    """(N, 3): by which the places of a jello's particles give its stretch and turn, Σ x ⊗ lever, by least squares."""
+    found = np.zeros((len(body), 3))
+    for j in range(int(body.jello.max()) + 1):
+        own = body.jello == j
+        arm = body.rest[own] - body.rest[own].mean(0)
+        found[own] = arm @ np.linalg.pinv(arm.T @ arm, rcond=1e-6)
+    return found
+
+
+@ti.func
+def axes_of(a):
+    """Three unit vectors square to each other, the rows of a matrix, along the columns of a as well as may be."""
+    e0 = ti.Vector([a[0, 0], a[1, 0], a[2, 0]])
+    e0 = ti.select(e0.norm() > TINY, e0 / ti.max(e0.norm(), TINY), ti.Vector([1.0, 0.0, 0.0]))
+    e1 = ti.Vector([a[0, 1], a[1, 1], a[2, 1]])
+    e1 -= e0.dot(e1) * e0
+    if not e1.norm() > 1e-3 * ti.abs(a).max():
+        e1 = ti.select(ti.abs(e0[0]) < 0.7, ti.Vector([1.0, 0.0, 0.0]), ti.Vector([0.0, 1.0, 0.0]))
+        e1 -= e0.dot(e1) * e0
+    e1 /= e1.norm()
+    return ti.Matrix.rows([e0, e1, e0.cross(e1)])
+
+
+@ti.func
+def box_around(low, high):
+    return ti.Vector([low[0], low[1], low[2], high[0], high[1], high[2]])
+
+
+@ti.func
+def meet(box, low, high):
+    """Whether a box meets the one from `low` to `high`."""
+    within = True
+    for axis in ti.static(range(3)):
+        within = within and box[axis] <= high[axis] and low[axis] <= box[axis + 3]
+    return within

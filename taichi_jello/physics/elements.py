@@ -1,0 +1,55 @@
+"""A single cell or triangle: whether a cell holds a point, and which place of a triangle is nearest to one."""
+
+import taichi as ti
+
+AROUND = (4, 6, 2, 3, 1, 5)  # the corners of a cell around its diagonal from corner 0 to corner 7
+
+
+@ti.func
+def nearest(p, a, b, c):
+    """The weights of the corners a, b, c in the point of their triangle that is nearest to p; of a segment if b = c
+    (Ericson, Real-Time Collision Detection, 5.1.5)."""
+    ab, ac, ap, bp, cp = b - a, c - a, p - a, p - b, p - c
+    d1, d2, d3, d4, d5, d6 = ab.dot(ap), ac.dot(ap), ab.dot(bp), ac.dot(bp), ab.dot(cp), ac.dot(cp)
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    w1, w2 = ti.cast(0.0, float), ti.cast(0.0, float)
+    if d1 <= 0.0 and d2 <= 0.0:
+        pass
+    elif d3 >= 0.0 and d4 <= d3:
+        w1 = 1.0
+    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        w1 = d1 / (d1 - d3)
+    elif d6 >= 0.0 and d5 <= d6:
+        w2 = 1.0
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        w2 = d2 / (d2 - d6)
+    elif va <= 0.0 and d4 >= d3 and d5 >= d6:
+        w2 = (d4 - d3) / (d4 - d3 + d5 - d6)
+        w1 = 1.0 - w2
+    else:
+        w1, w2 = vb / (va + vb + vc), vc / (va + vb + vc)
+    return ti.Vector([1.0 - w1 - w2, w1, w2])
+
+
+@ti.func
+def cell_holds(nodes, x: ti.template(), p):
+    """Whether the cell with its corners `nodes` at x holds the point p. It is cut into six tetrahedra around its
+    diagonal g, each with two corners b and c that follow each other around it; d = p - corner 0 is inside if
+    b · (d × g), c · (g × d) and b · (c × d) are all of the sign of the volume b · (c × g), and their sum is not more.
+    """
+    inside, a = False, x[nodes[0]]
+    g, d = x[nodes[7]] - a, p - a
+    plane = d.cross(g)
+    b = x[nodes[AROUND[0]]] - a
+    side = b.dot(plane)
+    for k in ti.static(range(6)):
+        c = x[nodes[AROUND[(k + 1) % 6]]] - a
+        its_side = c.dot(plane)
+        if side * its_side <= 0.0:
+            volume = b.dot(c.cross(g))
+            sign = ti.select(volume < 0.0, -1.0, 1.0)
+            u, v, w = side * sign, -its_side * sign, b.dot(c.cross(d)) * sign
+            if volume != 0.0 and u >= 0.0 and v >= 0.0 and w >= 0.0 and u + v + w <= ti.abs(volume):
+                inside = True
+        b, side = c, its_side
+    return inside
