@@ -76,7 +76,8 @@ class ParticleForce:
     never negative: with `has_curvature`, `@ti.func curvature(self, i, x, v, t, c)`, the 3×3 block [N/m] of particle i,
     six numbers as `block` gives them, which must bound what ties i to others as well; or, with `couples`, `@ti.func
     resist_on_pass(self, first, last, x, p, c, q)`, which adds its product with the displacements p to q, and
-    `pairs(c)`, the particles (i, j) that it ties together and the most that it stiffens each pair by. A force with
+    `pairs(c)`, the particles (i, j) that it ties together and the most that it stiffens each pair by; `generation`
+    counts how often these have changed, other than by `tune`. A force with
     neither still acts at the end of the step, but the solve does not see it coming.
 
     With `watches` it keeps something for many steps that is right as long as the particles have not moved too far. It
@@ -106,6 +107,7 @@ class ParticleForce:
     points: int = 0
     has_curvature: bool = False
     couples: bool = False
+    generation: int = 0
     mutual: bool = False
     fresh: bool = True
     sweep: Any = None

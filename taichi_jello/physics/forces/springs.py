@@ -44,6 +44,7 @@ class Springs(ParticleForce):
         self.number, self.scales = memory.number, {"stiffness": 1.0, "damping": 1.0}
         self.written, self.example, self.single = packed.materials, packed.example, packed.single
         self.of_spring = packed.of_spring
+        self.lasting = [self.body.stiffness, self.body.damping]
         self.damped = self.reads_velocity = bool(self.body.damping.any())
         self.works = ("dashpots",) if self.damped else ()
         self.lanes, self.Lanes = memory.lanes, memory.lane_vector
@@ -134,8 +135,17 @@ class Springs(ParticleForce):
 
     def pairs(self, c):
         """The ends (2, S) of the springs and k + damping/c [N/m] of each: in every configuration its H is no more."""
-        stiffness, damping = self.scales["stiffness"], self.scales["damping"]
-        return self.body.springs.T, stiffness * self.body.stiffness + damping / c * self.body.damping
+        stiffness, damping = self.lasting
+        return self.body.springs.T, self.scales["stiffness"] * stiffness + self.scales["damping"] / c * damping
+
+    def _lasting(self, law):
+        """Stiffness and damping (S,) for `pairs`: the body's own, and where they are not, what they are or up to twice
+        that, so that it changes seldom where they change all the time."""
+        made = []
+        for now, own in ((law.stiffness, self.body.stiffness), (law.damping, self.body.damping)):
+            above = np.exp2(np.ceil(np.log2(np.maximum(now, 1e-300))))
+            made.append(np.where(now == own, own, np.where(now > 0.0, above, 0.0)))
+        return made
 
     @ti.func
     def energy(self, i, x, t):
@@ -177,6 +187,9 @@ class Springs(ParticleForce):
         for column, values in enumerate((law.stiffness, law.rest_length, law.damping)):
             self.written[used, column] = values[which]
         self._write()
+        lasting = self._lasting(law)
+        if not np.array_equal(lasting, self.lasting):
+            self.lasting, self.generation = lasting, self.generation + 1
 
     def _write(self):
         scaled = self.written.copy()

@@ -28,12 +28,13 @@ class Implicit(Integrator):
     def __init__(self, memory, state, damped, body):
         self.state, self.number = state, memory.number
         self.solver = Newton(memory, body, accuracy=1e-3 if memory.owner.precision == "f32" else 1e-9)
-        self.last_dt, self.prepared = 0.0, False
+        self.last_dt, self.prepared, self.generations = 0.0, False, []
 
     def prepare(self, system, dt):
-        if not self.prepared or dt != self.last_dt:
+        generations = [force.generation for force in system.all_forces]
+        if not self.prepared or dt != self.last_dt or generations != self.generations:
             self.solver.prepare(system, self.share * dt)
-        self.last_dt, self.prepared = dt, True
+        self.last_dt, self.prepared, self.generations = dt, True, generations
 
     def tuned(self):
         self.prepared = False
