@@ -285,6 +285,8 @@ def do_study(chosen: argparse.Namespace) -> None:
     if plot_path:
         with plotting(plot_path):
             study.plot(told, plot_path)
+    if told.get("interrupted"):
+        raise KeyboardInterrupt
 
 
 def main(arguments: list[str] | None = None) -> int:

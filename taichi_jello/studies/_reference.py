@@ -24,7 +24,8 @@ def incidence(body: Body) -> Any:
 def spring_forces(body: Body, x: np.ndarray, v: np.ndarray, ends: Any = None) -> np.ndarray:
     """(N, 3) Hooke and dashpot forces [N] (workshop Eq. 3 and 4); `ends` is the incidence of body, if it is at hand."""
     ends = incidence(body) if ends is None else ends
-    d, w = ends @ x, ends @ v
+    i, j = body.springs.T
+    d, w = (np.take(a, i, 0) - np.take(a, j, 0) for a in (x, v))
     squared = np.einsum("sa,sa->s", d, d)
     pull = body.stiffness * (1.0 - body.rest_length / np.sqrt(squared))
     pull += body.damping * np.einsum("sa,sa->s", d, w) / squared

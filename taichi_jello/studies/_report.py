@@ -1,9 +1,12 @@
 """What every study needs: the machine it ran on, timings with their spread, tables, and figures as files."""
 
+import argparse
 import csv
 import json
 import math
+import os
 import platform
+import signal
 import statistics
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -14,6 +17,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello import __version__, runtime
+from taichi_jello.progress import bar
 
 REPEATS = 9
 FIGURES = (".png", ".svg", ".pdf")  # what matplotlib writes
@@ -46,6 +50,29 @@ def processor() -> str:
 def headline(told: Mapping[str, Any]) -> str:
     """One line of what `machine` said."""
     return f"{told['processor']}, {told['cores']} cores; Python {told['python']}, Taichi {told['taichi']}"
+
+
+def take(
+    chosen: argparse.Namespace, told: dict[str, Any], pieces: Iterable[Any], title: str, total: float | None = None
+) -> None:
+    """Go through the pieces of a study's work, which leave what they find in `told`, with a bar. Ctrl-C and SIGTERM end
+    it; until all is done `told` says that it was interrupted, and after each piece the file of --json has it."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    told["interrupted"] = True
+    try:
+        for _ in bar(pieces, title, quiet=chosen.quiet, total=total):
+            keep(chosen, told)
+        told["interrupted"] = False
+    except KeyboardInterrupt:
+        pass
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def keep(chosen: argparse.Namespace, told: Any) -> None:
+    """Write the figures so far to the file of --json, if there is one."""
+    if chosen.json:
+        write_json(Path(chosen.json), told)
 
 
 def spread(run: Callable[[], Any], least: float, repeats: int = REPEATS) -> dict[str, float]:
@@ -87,9 +114,13 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def write_json(path: Path, told: Any) -> None:
-    """Write the figures; a number that is not finite becomes null, which every JSON reader
+    """Write the figures, at once or not at all; a number that is not finite becomes null, which every JSON reader
     knows; what is under a key that begins with an underscore is left out."""
-    path.write_text(json.dumps(_plain(told), indent=1) + "\n", encoding="utf-8")
+    whole = path.is_file() or not path.exists()  # a pipe or a terminal is written to as it is
+    part = path.with_name(f"{path.name}.part") if whole else path
+    part.write_text(json.dumps(_plain(told), indent=1) + "\n", encoding="utf-8")
+    if whole:
+        os.replace(part, path)
 
 
 def _plain(value: Any) -> Any:

@@ -18,6 +18,8 @@ FINER = 8  # times as many steps as RK4 needs to be stable, and twice that for R
 PUSH = 1e-9  # of the edge: the perturbation of the chaos gate
 GROWTH = 100.0  # of the perturbation, beyond which no error is told point by point
 AGREED, WORK = 1e-9, 1e8  # RK4's steps are halved until the solvers agree so well, or so many springs were visited
+PIECE = 2e7  # springs passed in a launch of kernels: some tenths of a second, since Ctrl-C waits for its end
+PASSES = 50  # through all springs that an implicit step may take
 SAME = 1e-9  # relative difference of forces below which NumPy's physics is the program's
 
 
@@ -56,7 +58,12 @@ def roll_out(simulation: Simulation, case: Case, substeps: int, x: np.ndarray) -
         warnings.simplefilter("ignore", StepWarning)
         simulation.change_step(substeps=substeps)
     simulation.restore(Snapshot(0.0, x, simulation.start.v))
-    simulation.step(case.frames * substeps)
+    integrator, left = simulation.system.integrator, case.frames * substeps
+    passes = PASSES * integrator.stages if integrator.solves else integrator.passes
+    piece = max(1, round(PIECE / (passes * max(1, len(simulation.body.springs)))))
+    while left > 0:
+        simulation.step(min(piece, left))
+        left -= piece
     return simulation.snapshot()
 
 

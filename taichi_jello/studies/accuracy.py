@@ -1,44 +1,42 @@
 """Error against run time: every method on a ladder of steps, in both precisions, against a reference to 12 digits."""
 
 import argparse
-import time
-import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import dataclass
 from math import ceil, sqrt
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import taichi as ti
-
 from taichi_jello import runtime
-from taichi_jello.clock import StepWarning
 from taichi_jello.physics.integrators import scheme, schemes
-from taichi_jello.progress import bar
-from taichi_jello.simulation import Diverged, Simulation
+from taichi_jello.simulation import Simulation
+from taichi_jello.studies._ahead import Rest, begun, compiling_ahead
 from taichi_jello.studies._cases import Case, built_in, case_of
-from taichi_jello.studies._report import headline, machine, table
-from taichi_jello.studies._truth import Truth, rms, roll_out, truth
+from taichi_jello.studies._report import headline, keep, machine, table, take
+from taichi_jello.studies._rolls import TIMINGS, Roll, one_point, time_in_turns
+from taichi_jello.studies._truth import Truth, truth
 from taichi_jello.studies._verdict import FRAME, conclude
 from taichi_jello.words import plain
 
 RUNGS, LEAST_RUNGS = 8, 4  # steps on a ladder, each half of the one before
-TIMINGS, LEAST_TIMINGS = 7, 1
-LONG = 0.2  # s that one timing lasts, if there is time for it
-SECONDS = {False: 80.0, True: 4.0}  # for all timings together, by --quick
+SECONDS = {False: 60.0, True: 4.0}  # for all timings together, by --quick
 TOLERANCES = (1e-1, 1e-3)  # that implicit steps are solved to, where their own is smaller
 SPRINGS = 1e8  # that are passed in a second, about: it turns seconds into work, so that a rerun has the same ladders
 
 
-@dataclass
-class Roll:
-    """One point of the diagram: its figures, the simulation it was made with, and the seconds each timing took."""
+@dataclass(frozen=True)
+class Plan:
+    """What is measured, and how many seconds of timings there are for each case and precision."""
 
-    point: dict[str, Any]
-    simulation: Simulation
-    seconds: list[float]
+    cases: list[Case]
+    methods: list[str]
+    precisions: list[str]
+    budget: float
+
+    @property
+    def pieces(self) -> int:
+        return len(self.cases) * (1 + len(self.precisions) * (len(self.methods) + 1))
 
 
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
@@ -49,18 +47,11 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
         scheme(method)
     arch = runtime.choose_arch(chosen.arch)
     precisions = ["f32"] if arch in ("vulkan", "metal") else ["f64", "f32"]
-    told: dict[str, Any] = machine() | {"arch": arch, "cases": [], "interrupted": False}
-    budget = SECONDS[chosen.quick] / len(cases) / len(precisions)
-    total = len(cases) * (1 + len(precisions) * (len(methods) + 1))
-    try:
-        for _ in bar(
-            pieces(chosen, cases, precisions, methods, budget, told), "accuracy", quiet=chosen.quiet, total=total
-        ):
-            pass
-    except KeyboardInterrupt:
-        told["interrupted"] = True
-    for case in told["cases"]:
-        case.update(conclude(case))
+    plan = Plan(cases, methods, precisions, SECONDS[chosen.quick] / len(cases) / len(precisions))
+    told: dict[str, Any] = machine() | {"arch": arch, "cases": []}
+    alone = len(cases) == 1 or arch != "cpu"
+    with nullcontext(nullcontext) if alone else compiling_ahead(arch, chosen.threads, methods) as rest:
+        take(chosen, told, pieces(chosen, plan, rest, told), "accuracy", plan.pieces)
     return told
 
 
@@ -71,30 +62,29 @@ def asked_for(chosen: argparse.Namespace) -> list[Case]:
     return [known[chosen.scene]] if chosen.scene in known else [case_of(chosen.load(), chosen.seconds)]
 
 
-def pieces(
-    chosen: argparse.Namespace,
-    cases: list[Case],
-    precisions: list[str],
-    methods: list[str],
-    budget: float,
-    told: dict[str, Any],
-) -> Iterator[None]:
-    """The work in pieces of some seconds, each of which leaves what it found in `told`."""
-    for case in cases:
+def pieces(chosen: argparse.Namespace, plan: Plan, rest: Rest, told: dict[str, Any]) -> Iterator[None]:
+    """The work in pieces of some seconds, each of which leaves what it found in `told`; every point is kept at once."""
+    for case in plan.cases:
         exact = truth(case)
         points: list[dict[str, Any]] = []
-        told["cases"].append(about(case, exact) | {"points": points})
+        found = about(case, exact) | {"points": points}
+        found.update(conclude(found))
+        told["cases"].append(found)
         yield
         ladders: dict[str, list[int]] = {}
-        for precision in precisions:
+        for precision in plan.precisions:
             told["threads"] = runtime.start(told["arch"], precision, chosen.threads).threads
             rolls: list[Roll] = []
-            for method in methods:
-                for roll in climb(case, exact, method, ladders, budget / len(methods), chosen):
+            for method in plan.methods:
+                for roll in climb(case, exact, method, ladders, plan.budget / len(plan.methods), chosen):
                     rolls.append(roll)
                     points.append(roll.point)
+                    found.update(conclude(found))
+                    keep(chosen, told)
                 yield
-            time_in_turns(case, rolls, budget)
+            with rest():
+                time_in_turns(case, rolls, plan.budget)
+            found.update(conclude(found))
             yield
 
 
@@ -121,12 +111,9 @@ def climb(
 ) -> Iterator[Roll]:
     """The method's points from the longest stable step down: until errors drown in the reference's own, or the work
     outgrows the budget [s]. The second precision climbs the ladder that the first has made."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StepWarning)
-        simulation = Simulation(case.scene, method=method, substeps=1)
+    simulation = begun(case, method)
     given, rungs = ladders.get(method), ladders.setdefault(method, [])
     substeps = given[0] if given else coarsest(simulation, chosen)
-    roll_out(simulation, case, substeps, case.start(simulation.body.x))  # compiles the kernels
     for rung in range(len(given) if given else 1 if chosen.substeps or chosen.dt else RUNGS):
         roll = one_point(case, exact, simulation, given[rung] if given else substeps)
         yield roll
@@ -148,104 +135,16 @@ def looser(simulation: Simulation) -> list[float]:
     return [one for one in TOLERANCES if one > 2.0 * integrator.solver.accuracy] if integrator.solves else []
 
 
-@contextmanager
-def solved_to(simulation: Simulation, tolerance: float | None) -> Iterator[None]:
-    """Within, implicit steps are solved to this tolerance; to the method's own if it is None."""
-    integrator = simulation.system.integrator
-    if tolerance is None:
-        yield
-        return
-    own, integrator.solver.accuracy = integrator.solver.accuracy, tolerance
-    integrator.tuned()
-    try:
-        yield
-    finally:
-        integrator.solver.accuracy = own
-        integrator.tuned()
-
-
 def coarsest(simulation: Simulation, chosen: argparse.Namespace) -> int:
     """Substeps of a frame at the bottom of the ladder: the safe step, or a drawn frame where any is safe; for a method
-    without a safe step here a tenth of the time in which the fastest motion swings by one radian."""
+    with a shorter safe step, or none, a tenth of the time in which the fastest motion swings by one radian."""
     if chosen.substeps:
         return int(chosen.substeps)
     frame, bound = simulation.frame_dt, simulation.system.bound
-    safe = bound.dt or 0.1 / sqrt(bound.squared_frequency)
+    safe = max(bound.dt, 0.1 / sqrt(bound.squared_frequency or 1e-300))
     if isinstance(chosen.dt, float):
         safe = chosen.dt
     return max(1, ceil(frame / min(safe, frame if chosen.dt else FRAME) * (1.0 - 1e-9)))
-
-
-def one_point(case: Case, exact: Truth, simulation: Simulation, substeps: int, tolerance: float | None = None) -> Roll:
-    """Roll the case out once and compare its end with the truth."""
-    body, steps, integrator = simulation.body, case.frames * substeps, simulation.system.integrator
-    point: dict[str, Any] = {
-        "method": simulation.method,
-        "precision": simulation.system.owner.precision,
-        "dt": simulation.frame_dt / substeps,
-        "steps": steps,
-        "passes": 0 if integrator.solves else steps * integrator.passes,
-        "tolerance": tolerance or (integrator.solver.accuracy if integrator.solves else None),
-        "loosened": tolerance is not None,
-    }
-    before = integrator.solver.passes if integrator.solves else 0
-    try:
-        with solved_to(simulation, tolerance):
-            get_ready(simulation, substeps)
-            start = time.perf_counter()
-            end = roll_out(simulation, case, substeps, case.start(body.x))
-    except Diverged:
-        nothing = dict.fromkeys(("error", "centre", "momentum", "angular_momentum", "energy"), np.inf)
-        return Roll(point | nothing | {"diverged": True, "seconds": {"min": np.inf, "median": np.inf}}, simulation, [])
-    seconds = time.perf_counter() - start
-    if integrator.solves:
-        point["passes"] = integrator.solver.passes - before
-    energy = sum(simulation.energies().values())
-    x, v = end.x.astype(float), end.v.astype(float)
-    moved = [(body.mass @ (a - b)) / body.mass.sum() for a, b in ((x, exact.x), (v, exact.v))]
-    spin = [body.mass @ np.cross(a - exact.x.mean(0), b) for a, b in ((x, v), (exact.x, exact.v))]
-    point |= {
-        "error": rms(x, exact.x, exact.edge),
-        "centre": float(np.linalg.norm(moved[0])) / exact.edge,
-        "momentum": float(np.linalg.norm(moved[1]) * body.mass.sum()),
-        "angular_momentum": float(np.linalg.norm(spin[0] - spin[1])),
-        "energy": abs(energy - exact.energy),
-        "diverged": False,
-        "seconds": {"min": seconds, "median": seconds},
-    }
-    return Roll(point, simulation, [seconds])
-
-
-def time_in_turns(case: Case, rolls: list[Roll], budget: float) -> None:
-    """Time every roll-out several times, in turns, so that a machine which slows down for a while slows all of them.
-    A timing lasts LONG if the budget [s] allows, by repeating the roll-out."""
-    rolls = [roll for roll in rolls if not roll.point["diverged"]]
-    share = budget / max(1, len(rolls))
-    for turn in range(TIMINGS):
-        for roll in rolls:
-            once = roll.point["seconds"]["min"]
-            if turn >= LEAST_TIMINGS and (turn + 1) * once > share:
-                continue
-            times = max(1, round(min(LONG, share / TIMINGS) / once))
-            substeps, x = roll.point["steps"] // case.frames, case.start(roll.simulation.body.x)
-            with solved_to(roll.simulation, roll.point["tolerance"] if roll.point["loosened"] else None):
-                get_ready(roll.simulation, substeps)
-                ti.sync()
-                start = time.perf_counter()
-                for _ in range(times):
-                    roll_out(roll.simulation, case, substeps, x)
-                ti.sync()
-            roll.seconds.append((time.perf_counter() - start) / times)
-            roll.point["seconds"] = {"min": min(roll.seconds), "median": float(np.median(roll.seconds))}
-
-
-def get_ready(simulation: Simulation, substeps: int) -> None:
-    """What is done once for a step of that length is not timed with the steps."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StepWarning)
-        simulation.change_step(substeps=substeps)
-    if simulation.system.integrator.solves:
-        simulation.system.integrator.prepare(simulation.system, simulation.dt)
 
 
 def rows(told: dict[str, Any]) -> list[dict[str, Any]]:

@@ -20,11 +20,10 @@ from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.colliders.sphere import Sphere
 from taichi_jello.physics.forces.field import UniformField
 from taichi_jello.physics.forces.grab import Grab
-from taichi_jello.progress import bar
 from taichi_jello.scene import Contact, Pin, Scene, SceneError, Solver
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Simulation
-from taichi_jello.studies._report import headline, interleaved, machine, table
+from taichi_jello.studies._report import headline, interleaved, machine, table, take
 
 MANY = True  # scenes in one call
 STEPS = 200  # of a frame
@@ -89,14 +88,8 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     for name in scenes:
         sceneio.load(name)  # a scene that cannot be is told before anything runs
     features: tuple[Feature, ...] = () if chosen.scenes else FEATURES[:4] if chosen.quick else FEATURES
-    told: dict[str, Any] = machine() | {"scenes": [], "features": [], "interrupted": False}
-    try:
-        for _ in bar(
-            pieces(chosen, scenes, features, told), "footprint", quiet=chosen.quiet, total=len(scenes) + len(features)
-        ):
-            pass
-    except KeyboardInterrupt:
-        told["interrupted"] = True
+    told: dict[str, Any] = machine() | {"scenes": [], "features": []}
+    take(chosen, told, pieces(chosen, scenes, features, told), "footprint", len(scenes) + len(features))
     return told
 
 

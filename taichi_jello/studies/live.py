@@ -18,7 +18,7 @@ from taichi_jello.physics.integrators import scheme, schemes
 from taichi_jello.progress import bar
 from taichi_jello.scene import Scene, SceneError
 from taichi_jello.simulation import Diverged, Simulation, Snapshot
-from taichi_jello.studies._report import Lacking, headline, machine, table
+from taichi_jello.studies._report import Lacking, headline, machine, table, take
 from taichi_jello.words import plain
 
 PLOTS = (".png", ".mp4", ".gif")
@@ -59,13 +59,8 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     for method in methods:
         scheme(method)
     frames = max(1, round((chosen.seconds or SECONDS[chosen.quick]) / scene.solver.frame_dt))
-    told: dict[str, Any] = machine() | {"methods": [], "interrupted": False, "_scene": scene}
-    total = frames * (1 + len(methods))
-    try:
-        for _ in bar(pieces(chosen, scene, methods, frames, told), "live", quiet=chosen.quiet, total=total):
-            pass
-    except KeyboardInterrupt:
-        told["interrupted"] = True
+    told: dict[str, Any] = machine() | {"methods": [], "_scene": scene}
+    take(chosen, told, pieces(chosen, scene, methods, frames, told), "live", frames * (1 + len(methods)))
     exact, runs = told.get("_exact", []), told.get("_runs", [])
     done = min((len(run.moments) for run in runs), default=0)
     told["methods"] = [row(run, exact, done) for run in runs if done]

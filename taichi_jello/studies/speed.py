@@ -18,12 +18,11 @@ import taichi as ti
 from taichi_jello import runtime
 from taichi_jello.body import Body
 from taichi_jello.clock import StepWarning
-from taichi_jello.progress import bar
 from taichi_jello.scene import Camera, Scene, Solver
 from taichi_jello.sceneio import load
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Simulation
-from taichi_jello.studies._report import REPEATS, headline, machine, spread
+from taichi_jello.studies._report import REPEATS, headline, machine, spread, take
 from taichi_jello.studies._scenes import crowd_row, skin_row
 from taichi_jello.studies._scenes import lines as scene_lines
 
@@ -199,14 +198,9 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """All figures; with --quick small lattices and short timings."""
     arch = runtime.choose_arch(chosen.arch)
     told: dict[str, Any] = machine() | {"kernels": [], "numpy_gather": [], "renderers": [], "window": {}}
-    told |= {"start_up_seconds": {}, "interrupted": False}
+    told["start_up_seconds"] = {}
     cases = list(kernel_cases(arch, chosen.threads, chosen.quick))
-    work = pieces(arch, cases, chosen.quick, told)
-    try:
-        for _ in bar(work, "speed", quiet=chosen.quiet, total=len(cases) + 5):
-            pass
-    except KeyboardInterrupt:
-        told["interrupted"] = True
+    take(chosen, told, pieces(arch, cases, chosen.quick, told), "speed", len(cases) + 5)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     return told | {"peak_bytes_of_this_study": memory}
 

@@ -14,11 +14,10 @@ from taichi_jello.body import Body
 from taichi_jello.clock import StepWarning
 from taichi_jello.physics.bounds import stable_limit
 from taichi_jello.physics.integrators import scheme, schemes
-from taichi_jello.progress import bar
 from taichi_jello.scene import Scene
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Diverged, Simulation, Snapshot
-from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table
+from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
 
 POINTS = (4, 4, 4)
 MASS = 1.0 / 512.0  # kg, of a point
@@ -137,23 +136,20 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
         scheme(method)
     arch = runtime.choose_arch(chosen.arch)
     precision = "f32" if arch in ("vulkan", "metal") else "f64"
-    told: dict[str, Any] = machine() | {"arch": arch, "precision": precision, "rows": [], "interrupted": False}
+    told: dict[str, Any] = machine() | {"arch": arch, "precision": precision, "rows": []}
     total = len(methods) * len(STIFFNESS[chosen.quick]) * len(DAMPING[chosen.quick])
-    try:
-        for row in bar(rungs(methods, chosen, arch, precision), "stability", quiet=chosen.quiet, total=total):
-            told["rows"].append(row)
-    except KeyboardInterrupt:
-        told["interrupted"] = True
+    take(chosen, told, pieces(methods, chosen, told), "stability", total)
     return told
 
 
-def rungs(methods: list[str], chosen: argparse.Namespace, arch: str, precision: str) -> Iterator[dict[str, Any]]:
+def pieces(methods: list[str], chosen: argparse.Namespace, told: dict[str, Any]) -> Iterator[None]:
     for method in methods:
-        runtime.start(arch, precision, chosen.threads)
+        runtime.start(told["arch"], told["precision"], chosen.threads)
         bench = Bench(method, STEPS[chosen.quick])
         for zeta in DAMPING[chosen.quick]:
             for stiffness in STIFFNESS[chosen.quick]:
-                yield bench.row(stiffness, zeta)
+                told["rows"].append(bench.row(stiffness, zeta))
+                yield
 
 
 def rows(told: dict[str, Any]) -> list[dict[str, Any]]:

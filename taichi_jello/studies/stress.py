@@ -3,6 +3,7 @@
 import argparse
 import time
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,10 @@ from taichi_jello import runtime
 from taichi_jello.clock import StepWarning
 from taichi_jello.physics.choice import AUTO
 from taichi_jello.physics.integrators import schemes
-from taichi_jello.progress import bar
 from taichi_jello.scene import SceneError
 from taichi_jello.simulation import Diverged, Simulation
 from taichi_jello.studies._extremes import CASES, Extreme
-from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table
+from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
 
 QUICK = (AUTO, "rk4", "backward-euler")
 FED = 1e-5  # of the greatest energy, by which backward Euler may add to it: rounding
@@ -26,15 +26,17 @@ SWAPPED = 0.5  # by which the others may: they swap energy with their own error,
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """A row for each case and method; with --quick the methods `auto` chooses from. --method a,b: these alone."""
     methods = chosen.method.split(",") if chosen.method else list(QUICK) if chosen.quick else [AUTO, *sorted(schemes())]
-    told: dict[str, Any] = machine() | {"precision": chosen.precision, "rows": [], "interrupted": False}
+    told: dict[str, Any] = machine() | {"precision": chosen.precision, "rows": []}
     pairs = [(case, method) for case in CASES for method in methods]
-    try:
-        for case, method in bar(pairs, "stress", quiet=chosen.quiet):
-            runtime.start(chosen.arch, chosen.precision, chosen.threads)
-            told["rows"].append({"case": case.name, "asked": method} | stand(case, method))
-    except KeyboardInterrupt:
-        told["interrupted"] = True
+    take(chosen, told, pieces(chosen, pairs, told), "stress", len(pairs))
     return told
+
+
+def pieces(chosen: argparse.Namespace, pairs: list[tuple[Extreme, str]], told: dict[str, Any]) -> Iterator[None]:
+    for case, method in pairs:
+        runtime.start(chosen.arch, chosen.precision, chosen.threads)
+        told["rows"].append({"case": case.name, "asked": method} | stand(case, method))
+        yield
 
 
 def stand(case: Extreme, method: str) -> dict[str, Any]:

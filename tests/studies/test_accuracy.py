@@ -1,6 +1,8 @@
 """Error against run time: the reference, the ladder, the conclusions, and what a person sees."""
 
 import argparse
+import json
+import signal
 import sys
 from dataclasses import replace
 
@@ -8,15 +10,19 @@ import numpy as np
 import pytest
 
 from taichi_jello import Box, Plane, Scene, SceneError, Simulation, Snapshot, Solver, Sphere, UniformField, runtime
+from taichi_jello.cli import main
 from taichi_jello.physics.integrators import schemes
+from taichi_jello.studies import _ahead as ahead
 from taichi_jello.studies import _cases as cases
 from taichi_jello.studies import _truth as truths
 from taichi_jello.studies import _verdict as verdict
 from taichi_jello.studies import accuracy
 from taichi_jello.studies._reference import Reference, twisted
 from taichi_jello.studies._report import write_csv
+from taichi_jello.studies._rolls import solved_to
 
-QUICK = {"quick": True, "quiet": True, "arch": "cpu", "threads": 1, "dt": None, "substeps": None, "seconds": None}
+QUICK = {"quick": True, "quiet": True, "arch": "cpu", "threads": 1, "dt": None, "substeps": None, "seconds": None,
+         "json": None}  # fmt: skip
 
 
 METHODS = ("rk4", "symplectic-euler", "verlet")
@@ -138,14 +144,39 @@ def test_an_unknown_method_is_named():
         accuracy.measure(asked(method="rk4,rk5"))
 
 
-def test_ctrl_c_keeps_what_was_measured(quick, monkeypatch):
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(accuracy, "time_in_turns", interrupt)
-    told = accuracy.measure(asked(method="rk4", substeps=100))
+def test_a_kill_keeps_what_was_measured(quick, monkeypatch, tmp_path, capsys):
+    """As Ctrl-C does: tables, figures, and a status that says it was not done."""
+    monkeypatch.setattr(accuracy, "time_in_turns", lambda *_: signal.raise_signal(signal.SIGTERM))
+    path, own = tmp_path / "x.json", signal.getsignal(signal.SIGTERM)
+    options = ["--quick", "--method", "rk4", "--substeps", "100", "--threads", "1", "--json", str(path)]
+    assert main(["study", "accuracy", *options]) == 130
+    told = json.loads(path.read_text())
     assert told["interrupted"] and [p["precision"] for p in told["cases"][0]["points"]] == ["f64"]
-    assert accuracy.text(told).endswith("interrupted: the tables hold what was measured until then")
+    assert capsys.readouterr().out.endswith("interrupted: the tables hold what was measured until then\n")
+    assert signal.getsignal(signal.SIGTERM) is own and not list(tmp_path.glob("*.part"))
+
+
+def test_every_point_is_in_the_file_as_soon_as_it_is_measured(quick, monkeypatch, tmp_path):
+    """So that what ends the process without a word leaves them too."""
+    kept = []
+    monkeypatch.setattr(accuracy, "time_in_turns", lambda *_: kept.append(json.loads(path.read_text())))
+    path = tmp_path / "x.json"
+    told = accuracy.measure(asked(method="rk4", substeps=100, json=str(path)))
+    assert [len(one["cases"][0]["points"]) for one in kept] == [1, 2] and all(one["interrupted"] for one in kept)
+    assert not told["interrupted"]
+
+
+def test_a_helper_compiles_what_comes_next_and_rests_meanwhile(monkeypatch):
+    """As the study does: the same scenes in the same order since Taichi's start."""
+    begun = []
+    monkeypatch.setattr(ahead, "begun", lambda case, method: begun.append((case.name, method)))
+    ahead.main("cpu", "1", "rk4,verlet")
+    known = [name for name in cases.built_in(False) for _ in range(4)]
+    assert begun == list(zip(known, ["rk4", "verlet"] * 10, strict=True))[2:]
+    with ahead.compiling_ahead("cpu", 1, ["rk4"]) as rest:
+        for _ in range(2):
+            with rest():
+                pass
 
 
 def test_implicit_steps_are_solved_to_a_ladder_of_tolerances():
@@ -163,7 +194,7 @@ def test_implicit_steps_are_solved_to_a_ladder_of_tolerances():
     away = [abs(p["error"] / points[0]["error"] - 1.0) for p in points]  # solved to 1e-3 of a step, 12 times
     assert 0.0 < away[2] < 12 * 1e-3 and away[2] < away[1]
     ends = [truths.roll_out(simulation, case, 12, start).x]
-    with accuracy.solved_to(simulation, 0.1):
+    with solved_to(simulation, 0.1):
         ends.append(truths.roll_out(simulation, case, 12, start).x)
     ends.append(truths.roll_out(simulation, case, 12, start).x)
     assert np.array_equal(ends[0], ends[2]) and not np.array_equal(ends[0], ends[1])

@@ -8,7 +8,7 @@ from taichi_jello import runtime
 from taichi_jello.scene import SceneError
 from taichi_jello.studies import stability
 
-QUICK = {"quick": True, "quiet": True, "arch": "cpu", "threads": 1}
+QUICK = {"quick": True, "quiet": True, "arch": "cpu", "threads": 1, "json": None}
 
 
 @pytest.fixture(scope="module")
@@ -43,11 +43,12 @@ def test_figures_become_a_page_lines_and_a_picture(told, tmp_path):
 
 
 def test_ctrl_c_keeps_what_was_measured(monkeypatch):
-    def stopped(*_):
-        yield {"method": "euler", "zeta": 0.0}
+    def stopped(methods, chosen, told):
+        told["rows"].append({"method": "euler", "zeta": 0.0})
+        yield
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(stability, "rungs", stopped)
+    monkeypatch.setattr(stability, "pieces", stopped)
     told = stability.measure(argparse.Namespace(method=None, **QUICK))
     assert told["interrupted"] and len(told["rows"]) == 1
 

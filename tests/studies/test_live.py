@@ -21,7 +21,7 @@ METHODS = ("symplectic-euler", "rk4")
 def shown():
     chosen = argparse.Namespace(
         scene="x", load=lambda: SCENE, method=",".join(METHODS), seconds=0.1, quick=True, quiet=True, arch="cpu",
-        precision="f32", threads=1, dt=None, substeps=20,
+        precision="f32", threads=1, dt=None, substeps=20, json=None,
     )  # fmt: skip
     return live.measure(chosen)
 

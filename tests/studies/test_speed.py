@@ -19,7 +19,7 @@ def test_ctrl_c_keeps_what_was_measured(monkeypatch):
 
     monkeypatch.setattr(speed, "kernel_row", row)
     monkeypatch.setattr("taichi_jello.view.ggui.has_vulkan", lambda: False)
-    told = speed.measure(argparse.Namespace(arch="cpu", threads=1, quick=True, quiet=True))
+    told = speed.measure(argparse.Namespace(arch="cpu", threads=1, quick=True, quiet=True, json=None))
     told["window"] = speed.window_row("cpu", frames=1)
     told["skin"] = speed.skin_row("cpu", 0.0, 1)
     told["crowd"] = {"seconds": 4.0, "threads": 2, "ms": 12.3, "worst_ms": 20.0, "last_ms": 10.0, "real_time_ms": 16.7,
