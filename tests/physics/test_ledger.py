@@ -1,5 +1,7 @@
 """Energy and work balance up to the error of the method."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from reference import twisted
@@ -9,6 +11,9 @@ from taichi_jello import (
     CallableField,
     Contact,
     Grab,
+    GravityKeyframe,
+    Keyframe,
+    Move,
     Pin,
     Plane,
     Scene,
@@ -30,14 +35,15 @@ def taichi(best_precision):
     return best_precision
 
 
-def residuals(scene, counts, start=twisted, **options):
-    """The residual after a frame of so many substeps each, over the energy that was turned over."""
+def residuals(scene, counts, start=twisted, frames=1, **options):
+    """The residuals [J] after so many frames, by the number of substeps of each."""
     simulation = Simulation(scene, ledger=True, **options)
     found = []
     for count in counts:
         simulation.change_step(substeps=count)
         simulation.restore(Snapshot(0.0, start(simulation.body.x), simulation.start.v))
-        simulation.frame()
+        for _ in range(frames):
+            simulation.frame()
         found.append(simulation.energy_residual)
     return np.array(found), simulation
 
@@ -61,6 +67,46 @@ def test_rk4_s_residual_falls_with_its_order():
     assert slope == pytest.approx(4.0, abs=0.35), error
     # At 192 steps ω dt is 0.4 for the fastest mode: (ω dt)⁴/120 of what that turns over.
     assert abs(error[-1]) < 2e-4 * abs(sum(simulation.work.values()))
+
+
+HEAVY = (0.0, -1000.0, 0.0)
+OUTSIDE = {
+    # A sheet that lies as deep in the ground as it weighs: nothing touches down or lifts off, so all forces are smooth.
+    "moving colliders": Scene(
+        gravity=HEAVY,
+        jello=[
+            Box(points=(3, 1, 3), mass=0.1, position=(0.0, -0.1 / 9 * 1000.0 / 2000.0, 0.0), velocity=(0.02, 0.0, 0.01))
+        ],
+        collider=[Plane(keyframe=[Move(time=0.0, offset=STILL), Move(time=0.02, offset=(0.0, 0.001, 0.0005))])],
+        solver=Solver(frame_dt=0.02),
+    ),
+    "handles": Scene(
+        jello=[replace(CUBE, pin=[Pin(max=(0.0, 1.0, 1.0), keyframe=[
+            Move(time=0.0, offset=STILL), Move(time=0.02, offset=(-0.02, 0.01, 0.0)), Move(time=0.04, offset=STILL),
+        ])])],
+        drag=0.8, solver=Solver(frame_dt=0.02),
+    ),
+    "keyframes": Scene(
+        jello=[replace(CUBE, keyframe=[
+            Keyframe(time=0.0, stiffness=1.0, damping=1.0, rest_length=1.0),
+            Keyframe(time=0.04, stiffness=3.0, damping=2.0, rest_length=1.05),
+        ])],
+        keyframe=[GravityKeyframe(time=0.0, gravity=STILL), GravityKeyframe(time=0.04, gravity=(1.0, -9.81, 0.0))],
+        solver=Solver(frame_dt=0.01),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_whatever_does_the_work_rk4_s_residual_falls_with_its_order(name):
+    """Drag, wind and fields are in the test above; here is what moves within a frame or changes from frame to frame."""
+    scene, counts = OUTSIDE[name], np.array([96, 192, 384]) // (2 if name == "keyframes" else 1)
+    start = twisted if name != "moving colliders" else lambda x: x
+    error, simulation = residuals(scene, counts, start, frames=4 if name == "keyframes" else 2, method="rk4")
+    assert abs(simulation.work[name]) > 0.05
+    slope = -np.polyfit(np.log(counts), np.log(np.abs(error)), 1)[0]
+    assert slope == pytest.approx(4.0, abs=0.35), error
+    assert abs(error[-1]) < 1e-4 * abs(simulation.work[name])
 
 
 @pytest.mark.filterwarnings("ignore:dt = ")
