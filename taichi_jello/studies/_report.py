@@ -77,25 +77,31 @@ def keep(chosen: argparse.Namespace, told: Any) -> None:
 
 def spread(run: Callable[[], Any], least: float, repeats: int = REPEATS) -> dict[str, float]:
     """Minimum and median seconds of `run`; each timing repeats it to last at least `least` seconds."""
-    return interleaved([run], least, repeats)[0]
+    return summed_up(in_turns([run], least, repeats)[0])
 
 
-def interleaved(runs: Sequence[Callable[[], Any]], least: float, repeats: int = REPEATS) -> list[dict[str, float]]:
-    """Minimum and median seconds of each of `runs`. They take turns, so that a machine which slows down for a while
-    slows all of them; each is warmed up first and repeated to last at least `least` seconds a timing."""
+def in_turns(runs: Sequence[Callable[[], Any]], least: float, repeats: int = REPEATS) -> list[list[float]]:
+    """The seconds of each of `runs`, `repeats` times. They take turns, so that a machine which slows down for a while
+    slows all of them, every other time the last one first; each is warmed up first and repeated to last at least
+    `least` seconds a timing."""
     times, found = [], [[] for _ in runs]  # type: ignore[var-annotated]
     for run in runs:
         run()
         start = time.perf_counter()
         run()
         times.append(max(1, round(least / max(time.perf_counter() - start, 1e-9))))
-    for _ in range(repeats):
-        for run, count, seconds in zip(runs, times, found, strict=True):
+    for turn in range(repeats):
+        order = list(zip(runs, times, found, strict=True))
+        for run, count, seconds in order[:: -1 if turn % 2 else 1]:
             start = time.perf_counter()
             for _ in range(count):
                 run()
             seconds.append((time.perf_counter() - start) / count)
-    return [{"min": min(seconds), "median": statistics.median(seconds)} for seconds in found]
+    return found
+
+
+def summed_up(seconds: Sequence[float]) -> dict[str, float]:
+    return {"min": min(seconds), "median": statistics.median(seconds)}
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:

@@ -12,9 +12,14 @@ CHOSEN = argparse.Namespace(arch="cpu", precision="f32", threads=1, method=None,
 
 @pytest.mark.parametrize("feature", footprint.FEATURES, ids=lambda feature: feature.name)
 def test_an_unused_feature_adds_no_byte_and_no_code(feature, monkeypatch):
-    monkeypatch.setattr(footprint, "interleaved", lambda runs, *_: [{"min": 1.0, "median": 1.0} for _ in runs])
+    monkeypatch.setattr(footprint, "in_turns", lambda runs, *_: [[1.0, 1.0] for _ in runs])
     row = footprint.feature_row(feature, CHOSEN)
     assert row["unused_bytes"] == 0 and row["same_code"]
+
+
+def test_what_a_feature_adds_is_told_from_turns_on_the_same_machine():
+    """One that slows down twofold, and stops once, says nothing of either scene."""
+    assert footprint.added([1.01, 2.02, 2.02], [1.0, 2.0, 9.0]) == pytest.approx(0.01)
 
 
 def test_on_the_command_line_a_fresh_process_compiles_each_scene(jello, tmp_path):
