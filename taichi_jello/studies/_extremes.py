@@ -1,7 +1,7 @@
 """The stiff and extreme cases that every method has to stand: data, one entry each."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,13 @@ from taichi_jello.physics.colliders.block import Block
 from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.colliders.sphere import Sphere
 from taichi_jello.region import Region
-from taichi_jello.scene import Scene
+from taichi_jello.scene import Scene, Solver
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Simulation
 
 STILL = (0.0, 0.0, 0.0)
+FEWER = 50
+DRIFT, TREND = 1e-4, 1e-2  # of Σ m |v| and of the energy, by which a body that turns freely may have changed
 SHAPE = 1e-3  # of the body's size by which a recovered shape may differ
 
 
@@ -30,17 +32,23 @@ def shape_error(body: Any, x: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Extreme:
-    """A scene, the state it begins in as a function of the points (N, 3), its length [s], and what it must show in the
-    end: a function of the simulation that returns what is wrong, or nothing. driven: something does work on it, which
-    a ledger books."""
+    """A scene, the state it begins in as a function of the points (N, 3), its length [s] or in steps, of which methods
+    that solve for each take one in FEWER, and what it must show in the end: a function of the simulation that returns
+    what is wrong, or nothing. driven: something does work on it, which a ledger books."""
 
     name: str
     box: dict[str, Any]
     begin: Callable[[np.ndarray], np.ndarray] = lambda x: x
     scene: dict[str, Any] = field(default_factory=lambda: {"gravity": STILL})
     seconds: float = 0.5
+    steps: int = 0
     demand: Callable[[Simulation, np.ndarray], str] = lambda simulation, start: ""
     driven: bool = False
+
+    def frames(self, simulation: Simulation) -> int:
+        if not self.steps:
+            return round(self.seconds / simulation.frame_dt)
+        return -(-self.steps // (simulation.substeps * (FEWER if simulation.system.integrator.solves else 1)))
 
     def simulation(self, **options: Any) -> Simulation:
         box: dict[str, Any] = {"points": (4, 4, 4), "mass": 0.125, "damping": 0.25} | self.box
@@ -106,6 +114,19 @@ def symmetric(simulation: Simulation, start: np.ndarray) -> str:
     return "" if over <= 0.0 else f"{over:.2g} J more than the work done"
 
 
+def steady(simulation: Simulation, start: np.ndarray) -> str:
+    """No momentum from nowhere, and from second order on no trend of the energy upwards: what steps of the first order
+    lose or gain in a turn is their own error, which adds up."""
+    mass, v = simulation.body.mass[:, None], simulation.v.astype(float)
+    drift = float(np.linalg.norm((mass * v).sum(0)) / np.sum(mass * np.abs(simulation.start.v)))
+    if drift > DRIFT:
+        return f"momentum off by {drift:.1e}"
+    now = sum(simulation.energies().values())
+    simulation.restore(replace(simulation.start, x=start))
+    trend = now / sum(simulation.energies().values()) - 1.0
+    return f"energy up by {trend:.1e}" if trend > TREND and simulation.system.integrator.order > 1 else ""
+
+
 def random(x: np.ndarray) -> np.ndarray:
     return np.random.default_rng(5).uniform(-0.5, 0.5, x.shape)
 
@@ -166,5 +187,12 @@ CASES = (
     Extreme("one point", {"points": (1, 1, 1), **falling(1.0)}, scene=GROUND, demand=above),
     Extreme("a row of points", {"points": (1, 6, 1), **falling(1.0)}, scene=GROUND),
     Extreme("a sheet of points", {"points": (5, 1, 5), **falling(1.0)}, scene=GROUND, demand=above),
+    Extreme(
+        "turns for 1e6 steps",
+        {"points": (2, 2, 2), "spin": (0.15, 0.3, 0.6)},
+        scene={"gravity": STILL, "solver": Solver(frame_dt=1.0)},
+        steps=1_000_000,
+        demand=steady,
+    ),
     Extreme("10 km from the origin", {"position": (1e4, 0.0, 0.0), "stiffness": 1e4}, demand=undisturbed),
 )

@@ -27,6 +27,14 @@ def test_a_case_passes_fails_or_is_refused():
     assert refused["passes"] and refused["verdict"].startswith("refuses: euler has no stable step")
 
 
+def test_a_long_run_keeps_momentum_and_energy():
+    turning = replace(BY_NAME["turns for 1e6 steps"], steps=30_000)
+    assert stress.stand(turning, "rk4")["verdict"] == "ok"
+    simulation = turning.simulation(method="rk4")
+    simulation.push((0.0, 1e-3, 0.0))
+    assert turning.demand(simulation, simulation.start.x).startswith("momentum off by ")
+
+
 def test_shape_error_sees_past_motion_and_reflection():
     body = BY_NAME["flat"].simulation(method="euler", dt=1e-4).body
     turned = body.rest @ np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))[0] + [1.0, 2.0, 3.0]
