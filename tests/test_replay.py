@@ -40,9 +40,9 @@ SCENE = playable(
 )
 
 
-@pytest.fixture(scope="module", autouse=True)
-def taichi(best_precision):
-    return best_precision
+@pytest.fixture(autouse=True)
+def taichi(best_precision, anew):
+    anew()
 
 
 def play(simulation):

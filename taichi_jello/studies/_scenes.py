@@ -1,4 +1,5 @@
-"""What single lattices do not show of speed: many jellos that touch each other, and a fine skin carried along."""
+"""What single lattices at rest do not show of speed: stiff cubes that hit the ground, many jellos that touch each
+other, and a fine skin carried along."""
 
 import time
 from dataclasses import dataclass
@@ -8,13 +9,17 @@ import numpy as np
 
 from taichi_jello import runtime
 from taichi_jello.body import join
+from taichi_jello.physics.colliders.plane import Plane
+from taichi_jello.scene import Scene
 from taichi_jello.sceneio import load
 from taichi_jello.shapes.ball import Ball, sphere
+from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Simulation
 from taichi_jello.studies._report import spread
 from taichi_jello.view.embedded import Embedded
 
 SECTION = 0.5  # s of a scene's time, the worst of which is told
+STIFF = ((8, 1e5), (8, 1e7), (16, 1e5), (16, 1e7))  # points a side; N/m with 8
 FINE = 0.04  # about the edges of the skin on a ball of radius 1: some 18 000 points
 CELLS = 16  # across the ball
 
@@ -25,6 +30,27 @@ class FineBall(Ball):
 
     def skin(self) -> tuple[np.ndarray, np.ndarray]:
         return sphere(FINE)
+
+
+def stiff_row(arch: str, n: int, stiffness: float, frames: int) -> dict[str, Any]:
+    """How many times faster than real time a cube of n³ points runs that is thrown at the ground at 5 m/s, by backward
+    Euler with a step a frame. stiffness: of 8³ points [N/m]; others of the same Young's modulus have another."""
+    runtime.start(arch)
+    cube = Box(points=(n, n, n), stiffness=stiffness * 7 / (n - 1), position=(0.0, 0.6, 0.0), velocity=(0.0, -5.0, 0.0))
+    simulation = Simulation(Scene(jello=[cube], collider=[Plane()]), method="backward-euler")
+    simulation.frame()  # compiles
+    simulation.reset()
+    start = time.perf_counter()
+    for _ in range(frames):
+        simulation.frame()
+    taken = time.perf_counter() - start
+    return {
+        "n": n,
+        "stiffness": cube.stiffness,
+        "frames": frames,
+        "times_real_time": frames * simulation.frame_dt / taken,
+        "threads": runtime.current().threads,
+    }
 
 
 def crowd_row(arch: str, seconds: float) -> dict[str, Any]:
@@ -76,7 +102,12 @@ def skin_row(arch: str, least: float, repeats: int) -> dict[str, Any]:
 
 def lines(told: dict[str, Any]) -> list[str]:
     """The same as text."""
-    crowd, skin, found = told.get("crowd"), told.get("skin"), []
+    crowd, skin = told.get("crowd"), told.get("skin")
+    found = [
+        f"backward Euler, {row['n']}³ points, k = {row['stiffness']:.3g} N/m, thrown at the ground, a step a frame: "
+        f"{row['times_real_time']:.1f} times real time"
+        for row in told.get("stiff", [])
+    ]
     if crowd:
         found.append(
             f"crowd, the first {crowd['seconds']:g} s, {crowd['threads']} threads: {crowd['ms']:.1f} ms a frame "

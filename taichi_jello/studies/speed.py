@@ -23,7 +23,7 @@ from taichi_jello.sceneio import load
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Simulation
 from taichi_jello.studies._report import REPEATS, headline, machine, spread, take
-from taichi_jello.studies._scenes import crowd_row, skin_row
+from taichi_jello.studies._scenes import STIFF, crowd_row, skin_row, stiff_row
 from taichi_jello.studies._scenes import lines as scene_lines
 
 DT = 1e-6  # s; so short that nothing moves far: every pass does the same work
@@ -200,7 +200,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     told: dict[str, Any] = machine() | {"kernels": [], "numpy_gather": [], "renderers": [], "window": {}}
     told["start_up_seconds"] = {}
     cases = list(kernel_cases(arch, chosen.threads, chosen.quick))
-    take(chosen, told, pieces(arch, cases, chosen.quick, told), "speed", len(cases) + 5)
+    take(chosen, told, pieces(arch, cases, chosen.quick, told), "speed", len(cases) + 6)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     return told | {"peak_bytes_of_this_study": memory}
 
@@ -217,6 +217,8 @@ def pieces(arch: str, cases: list[dict[str, Any]], quick: bool, told: dict[str, 
     told["renderers"] = renderer_rows(arch, quick, least, repeats)
     yield
     told["window"] = window_row(arch, 20 if quick else 60)
+    yield
+    told["stiff"] = [stiff_row(arch, *case, 20 if quick else 60) for case in (STIFF[:1] if quick else STIFF)]
     yield
     told["crowd"] = crowd_row(arch, 0.5 if quick else 4.0)
     told["skin"] = skin_row(arch, least, repeats)

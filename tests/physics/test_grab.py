@@ -7,9 +7,9 @@ from taichi_jello import Box, Grab, Plane, Scene, Simulation
 from taichi_jello.physics.forces.grab import QUICK
 
 
-@pytest.fixture(scope="module", autouse=True)
-def taichi(precision):
-    return precision
+@pytest.fixture(autouse=True)
+def taichi(precision, anew):
+    anew()
 
 
 def test_a_held_weight_hangs_below_the_hand_by_its_weight(epsilon):

@@ -49,7 +49,8 @@ def test_same_bits_in_every_form(method, number, scene, request):
     one = final_state(arch, number, 1, method, scene)
     assert np.isfinite(one).all()
     forms = [{"team": 2}, {"team": 0}] if arch == "cpu" else [{}]
-    for form in forms[:1] if method in ("bdf2", "sdirk2") else forms:  # backward Euler shows it of their solver
+    # Backward Euler alone shows it of the solver, and RK4 of contact.
+    for form in forms[:1] if method in ("bdf2", "sdirk2") or scene is PAIR else forms:
         assert np.array_equal(one, final_state(arch, number, 2, method, scene, **form))
 
 
