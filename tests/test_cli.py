@@ -168,6 +168,8 @@ def test_vulkan_runs_the_same_kernels_and_gpu_takes_no_software_driver(jello, sm
         with np.load(tmp_path / "cpu.npz") as one, np.load(tmp_path / "vulkan.npz") as other:
             # After a bounce, two roundings of f32 apart at each of some 50 steps.
             assert one["x"] == pytest.approx(other["x"], abs=1e-4)
+        done = jello("run", "stack", "-o", "stack.npz", "--arch", "vulkan")
+        assert done.returncode == 2 and "jellos do not feel each other there" in done.stderr
     else:
         assert done.returncode == 2 and "no vulkan device" in done.stderr
     done = jello("run", small, "-o", "gpu.npz", "--arch", "gpu")

@@ -13,6 +13,9 @@ from taichi_jello.physics.contacts import AT_ONCE, LOAD, Contacts
 from taichi_jello.physics.forces._base import ParticleForce, Rates, block, even_block
 from taichi_jello.physics.forces.contact import ContactLaw, pressure, rub
 from taichi_jello.physics.forces.skin_contact import SkinContact
+from taichi_jello.runtime import RuntimeProblem
+
+BLIND = ("vulkan", "metal")  # compiled for them, the search makes lists that stay empty
 
 
 @ti.data_oriented
@@ -41,7 +44,13 @@ class Touch(ContactLaw, ParticleForce):
     def made_for(cls, scene, particles):
         itself = np.array([jello.self_contact for jello in scene.jello])
         meets = itself.any() or (len(scene.jello) > 1 and scene.contact.touch)
-        return [cls(scene, particles, itself)] if meets and scene.contact.stiffness > 0.0 else []
+        if not meets or scene.contact.stiffness == 0.0:
+            return []
+        if (arch := particles.memory.owner.arch) in BLIND:
+            raise RuntimeProblem(
+                f"--arch {arch}: jellos do not feel each other there; use cpu, or contact.touch = false"
+            )
+        return [cls(scene, particles, itself)]
 
     @property
     def grip(self):
