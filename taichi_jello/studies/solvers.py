@@ -12,10 +12,9 @@ import numpy as np
 
 from taichi_jello.assembly import assembled
 from taichi_jello.physics.solve.inner import fitting_grid
-from taichi_jello.progress import bar
 from taichi_jello.scene import Scene
 from taichi_jello.shapes.lattice import Box
-from taichi_jello.studies._report import INSTALL, Lacking, headline, machine, new_figure, save_figure, table
+from taichi_jello.studies._report import INSTALL, Lacking, headline, machine, new_figure, save_figure, table, take
 
 STEP = 1.0 / 60.0  # s
 STIFFNESS, POINTS = 1e5, 8  # N/m of 8³ points; more points are as stiff as a whole
@@ -283,13 +282,15 @@ def rms(d: Array) -> float:
 
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """A row for each size, outer and inner way."""
-    told: dict[str, Any] = machine() | {"rows": [], "frames": FRAMES[chosen.quick], "interrupted": False}
-    try:
-        for points in bar(SIZES[chosen.quick], "solvers", quiet=chosen.quiet):
-            told["rows"] += compared(points, FRAMES[chosen.quick])
-    except KeyboardInterrupt:
-        told["interrupted"] = True
+    told: dict[str, Any] = machine() | {"rows": [], "frames": FRAMES[chosen.quick]}
+    take(chosen, told, pieces(chosen.quick, told), "solvers", len(SIZES[chosen.quick]))
     return told
+
+
+def pieces(quick: bool, told: dict[str, Any]) -> Iterator[None]:
+    for points in SIZES[quick]:
+        told["rows"] += compared(points, FRAMES[quick])
+        yield
 
 
 def compared(points: int, frames: tuple[int, ...]) -> list[dict[str, Any]]:

@@ -11,7 +11,7 @@ from taichi_jello.studies import solvers
 
 @pytest.fixture(scope="module")
 def told():
-    chosen = argparse.Namespace(quick=True, quiet=True)
+    chosen = argparse.Namespace(quick=True, quiet=True, json=None)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(solvers, "SIZES", {True: (4,)})
         return solvers.measure(chosen)
