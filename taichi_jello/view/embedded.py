@@ -4,7 +4,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.body import Body
-from taichi_jello.view.rows import Array2, Index1, Index2, row, vec3
+from taichi_jello.view.rows import Array2, Index1, Index2, face_normal, put, row, sum_over
 from taichi_jello.view.subdivide import smooth_patches
 
 
@@ -35,22 +35,14 @@ def carry(
         for i in range(first[c], first[c + 1]):
             at = row(places, i)
             q = p + at[0] * (a + at[1] * (ab + at[2] * abd) + at[2] * ad) + at[1] * (b + at[2] * bd) + at[2] * d
-            for axis in ti.static(range(3)):
-                points[i, axis] = q[axis]
+            put(points, i, q)
     ti.loop_config(block_dim=4096)
     for t in range(index.shape[0]):
-        a = row(points, index[t, 0])
-        n = (row(points, index[t, 1]) - a).cross(row(points, index[t, 2]) - a)
-        for axis in ti.static(range(3)):
-            flat[t, axis] = n[axis]
+        put(flat, t, face_normal(points, index, t))
     ti.loop_config(block_dim=4096)
     for i in range(points.shape[0]):
-        n = vec3(0.0)
-        for k in range(start[i], start[i + 1]):
-            n += row(flat, face[k])
-        n /= ti.max(n.norm(), 1e-20)
-        for axis in ti.static(range(3)):
-            normals[i, axis] = n[axis]
+        n = sum_over(flat, face, start[i], start[i + 1])
+        put(normals, i, n / ti.max(n.norm(), 1e-20))
 
 
 class Embedded:

@@ -8,7 +8,7 @@ from taichi_jello.body import Body
 from taichi_jello.view import palette
 from taichi_jello.view.embedded import Embedded
 from taichi_jello.view.primitives import Triangles
-from taichi_jello.view.rows import Array1, Array2, Index1, Index2, row, vec3
+from taichi_jello.view.rows import Array1, Array2, Index1, Index2, face_normal, put, row, sum_over, vec3
 from taichi_jello.view.shading import gel
 from taichi_jello.view.subdivide import subdivide
 
@@ -33,18 +33,10 @@ def cover(
     long as twice their area; corner: the normals of their corners over the faces of one smooth patch; see Fine."""
     ti.loop_config(block_dim=1024)
     for t in range(surface.shape[0]):
-        a = row(x, surface[t, 0])
-        n = (row(x, surface[t, 1]) - a).cross(row(x, surface[t, 2]) - a)
-        for axis in ti.static(range(3)):
-            flat[t, axis] = n[axis]
+        put(flat, t, face_normal(x, surface, t))
     ti.loop_config(block_dim=1024)
     for c in range(corner.shape[0]):
-        n = vec3(0.0)
-        for k in range(corner_start[c], corner_start[c + 1]):
-            n += row(flat, corner_face[k])
-        n = n.normalized(1e-20)
-        for axis in ti.static(range(3)):
-            corner[c, axis] = n[axis]
+        put(corner, c, sum_over(flat, corner_face, corner_start[c], corner_start[c + 1]).normalized(1e-20))
     ti.loop_config(block_dim=1024)
     for i in range(parent.shape[0]):
         p, n = vec3(0.0), vec3(0.0)
@@ -52,9 +44,8 @@ def cover(
             p += share[i, k] * row(x, parent[i, k])
         for k in range(start[i], start[i + 1]):
             n += weight[k] * row(corner, item[k])
-        n = n.normalized(1e-20)
-        for axis in ti.static(range(3)):
-            points[i, axis], normal[i, axis] = p[axis], n[axis]
+        put(points, i, p)
+        put(normal, i, n.normalized(1e-20))
 
 
 @ti.kernel
