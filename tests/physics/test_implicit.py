@@ -35,27 +35,33 @@ def test_every_force_that_stiffens_is_seen_by_the_solve():
     assert blind == {"gravity", "uniform field", "grid field", "callable field"}
 
 
-@pytest.mark.parametrize("method, stiffness", [("backward-euler", 1e5), ("backward-euler", 1e7), ("sdirk2", 1e5)])
-def test_a_stiff_cube_hits_the_ground_at_frame_rate(method, stiffness):
-    """One step a frame, where RK4 needs up to 2000. Backward Euler's energy never rises; SDIRK2 is no such method."""
+@pytest.mark.parametrize("method", ["backward-euler", "bdf2", "sdirk2"])
+def test_a_stiff_cube_hits_the_ground_at_frame_rate(method):
+    """One step a frame, where RK4 needs up to 2000, and no hit feeds energy. Backward Euler's never rises at all; the
+    schemes of second order turn a tumbling cube with an error, (ω dt)³ = 6e-4 of its energy at 5 rad/s: a step of
+    theirs gained up to 1.6e-4 of all. Before their steps were made again where something strikes it was 0.2."""
     placed = {"position": (0.0, 0.9, 0.0), "rotation": (20.0, 0.0, 30.0), "velocity": (0.5, -5.0, 0.0)}
-    scene = Scene(jello=[Box(points=(4, 4, 4), stiffness=stiffness, **placed)], collider=[Plane()])
+    scene = Scene(jello=[Box(points=(4, 4, 4), stiffness=1e5, **placed)], collider=[Plane()])
     simulation = Simulation(scene, method=method)
     assert simulation.substeps == 1
-    energy = [sum(simulation.energies().values())]
-    for _ in range(90):
-        simulation.frame()
-        energy.append(sum(simulation.energies().values()))
-    if method == "backward-euler":
-        assert np.diff(energy).max() <= 1e-5 * energy[0]
-        shapes = [shape_after(simulation, accuracy) for accuracy in (1e-9, 1e-3)]  # converged, and what f32 asks for
-        assert apart(*shapes) < 1e-3  # of the edge, 1 m
-        simulation.advance(1.0)
-    assert energy[-1] < 0.6 * energy[0]
-    assert simulation.x[:, 1].min() > -0.1  # v √(m/k) of all the mass on a quarter of the bottom's contacts: 0.08 m
-    rest = simulation.body
-    lengths = np.linalg.norm(np.subtract(*(simulation.x[rest.springs[:, k]] for k in (0, 1))), axis=1)
-    assert np.abs(lengths / rest.rest_length - 1.0).max() < 5e-3
+    for scale in (1.0, 100.0):
+        simulation.reset()
+        simulation.tune(stiffness=scale)
+        energy = [sum(simulation.energies().values())]
+        for _ in range(90):
+            simulation.frame()
+            energy.append(sum(simulation.energies().values()))
+        assert max(energy) <= (1.0 + 1e-9) * energy[0]  # to the accuracy of the solve
+        assert np.diff(energy).max() <= (1e-5 if method == "backward-euler" else 6e-4) * energy[0]
+        assert energy[-1] < 0.6 * energy[0]
+        if method == "backward-euler":
+            shapes = [shape_after(simulation, accuracy) for accuracy in (1e-9, 1e-3)]  # converged; as in f32
+            assert apart(*shapes) < 1e-3  # of the edge, 1 m
+            simulation.advance(1.0)
+        assert simulation.x[:, 1].min() > -0.1  # v √(m/k) of all the mass on a quarter of the bottom's contacts: 0.08 m
+        rest = simulation.body
+        lengths = np.linalg.norm(np.subtract(*(simulation.x[rest.springs[:, k]] for k in (0, 1))), axis=1)
+        assert np.abs(lengths / rest.rest_length - 1.0).max() < 5e-3
 
 
 @pytest.mark.parametrize("method", ["backward-euler", "bdf2", "sdirk2"])

@@ -4,17 +4,16 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.integrators._implicit import Implicit
-from taichi_jello.physics.integrators.sdirk2 import GAMMA
 from taichi_jello.physics.state import State
 
 
 @ti.data_oriented
 class BDF2(Implicit):
-    """It needs the step before. The first step, and the first of another length, is one of SDIRK2: its two stages."""
+    """It needs the step before. The first step, the first of another length and the first after anything came to touch
+    or let go is one of backward Euler."""
 
     name, order = "bdf2", 2
     share = 2.0 / 3.0
-    stages = 2
 
     def __init__(self, memory, state, damped, body):
         super().__init__(memory, state, damped, body)
@@ -22,19 +21,24 @@ class BDF2(Implicit):
         self.knows = memory.table(self.name, "knows the step before", np.zeros(1, np.int32))
         self.shape = (memory.particles, 3)
 
+    def meet(self, forces):
+        self.watch_contact(forces)
+
     def prepare(self, system, dt):
         if dt != self.last_dt:
             self.knows[0] = 0
         super().prepare(system, dt)
 
     def remembered(self):
+        told = super().remembered()
         if not self.knows[0]:
-            return {}
+            return told
         x, v = np.zeros((2, *self.shape), self.number)
         self._read(x, v)
-        return {"before.x": x, "before.v": v, "before.dt": np.array(self.last_dt)}
+        return told | {"before.x": x, "before.v": v, "before.dt": np.array(self.last_dt)}
 
     def recall(self, memory):
+        super().recall(memory)
         self.knows[0] = int("before.dt" in memory)
         if self.knows[0]:
             self.last_dt = float(memory["before.dt"])
@@ -56,35 +60,38 @@ class BDF2(Implicit):
     @ti.func
     def stage(self, system, first, last, s, t, dt):
         system.wait_for_team()  # until everybody knows whether the step before is known
-        knows = self.knows[0]
-        c, share = GAMMA * dt, GAMMA + s * (1.0 - GAMMA)
+        knows, wanted, c = self.knows[0], 1, dt
+        if ti.static(len(self.contacts) > 0):
+            begins = ti.cast(s == 0, ti.i32)
+            again = self.strikes(system, first, last, t + dt, begins) & knows
+            wanted = again | begins
+            knows = knows & (1 - again)
         if knows:
-            c, share = self.share * dt, 1.0
+            c = self.share * dt
         for i in range(first, last):
             x, v = self.state.x[i], self.state.v[i]
             if knows:
-                if s == 0:
-                    self.solver.z[i] = x + (x - self.before.x[i]) / 3.0
-                    self.solver.w[i] = self.solver.at.v[i] = v + (v - self.before.v[i]) / 3.0
-            else:
-                if s == 1:
-                    v1 = self.solver.at.v[i]
-                    x += (1.0 - GAMMA) * dt * v1
-                    v += (1.0 - GAMMA) / GAMMA * (v1 - v)
+                x += (x - self.before.x[i]) / 3.0
+                v += (v - self.before.v[i]) / 3.0
+            if wanted:
                 self.solver.z[i] = x
                 self.solver.w[i] = self.solver.at.v[i] = v
-        self.solver.start(system, first, last, c, t + share * dt, s == 0 or knows == 0)
+        self.solver.start(system, first, last, c, t + dt, wanted)
 
     @ti.func
     def finish(self, system, first, last, t, dt):
         x, v = ti.static(self.solver.at.x, self.solver.at.v)
-        stopped = system.stop_at_solids(first, last, self.state.x, x, v, t, dt)
+        struck = 0
+        if ti.static(len(self.contacts) > 0):
+            struck = self.strikes(system, first, last, t + dt)
+            self.end_touch(system, first, last)
+        struck = struck | system.stop_at_solids(first, last, self.state.x, x, v, t, dt)
         for i in range(first, last):
             self.before.x[i], self.before.v[i] = self.state.x[i], self.state.v[i]
             self.state.x[i], self.state.v[i] = self.solver.at.x[i], self.solver.at.v[i]
         for _ in range(1):
             if first == 0 and last > 0:
-                self.knows[0] = 1 - stopped  # across an impact nothing may be extrapolated
+                self.knows[0] = 1 - struck  # across an impact nothing may be extrapolated
 
     @classmethod
     def amplification(cls, a, zeta):

@@ -19,17 +19,31 @@ class SDIRK2(Implicit):
     share = GAMMA
     stages = 2
 
+    def meet(self, forces):
+        self.watch_contact(forces)
+
     @ti.func
     def stage(self, system, first, last, s, t, dt):
+        """Where a stage has ended with another contact than the step began with, the step is one of backward Euler."""
+        again, wanted, c, share = 0, 1, GAMMA * dt, GAMMA + s * (1.0 - GAMMA)
+        if ti.static(len(self.contacts) > 0):
+            begins = ti.cast(s == 0, ti.i32)
+            again = self.strikes(system, first, last, t + ti.select(s == 1, GAMMA, 1.0) * dt, begins)
+            made = self.once(system, first, last, again, begins)
+            again = again & (1 - made)
+            wanted = again | ti.cast(s < 2, ti.i32) & (1 - made)
+        if again:
+            c, share = dt, 1.0
         for i in range(first, last):
             x, v = self.state.x[i], self.state.v[i]
-            if s == 1:
+            if s == 1 and again == 0:
                 v1 = self.solver.at.v[i]
                 x += (1.0 - GAMMA) * dt * v1
                 v += (1.0 - GAMMA) / GAMMA * (v1 - v)
-            self.solver.z[i] = x
-            self.solver.w[i] = self.solver.at.v[i] = v
-        self.solver.start(system, first, last, GAMMA * dt, t + (GAMMA + s * (1.0 - GAMMA)) * dt)
+            if wanted:
+                self.solver.z[i] = x
+                self.solver.w[i] = self.solver.at.v[i] = v
+        self.solver.start(system, first, last, c, t + share * dt, wanted)
 
     @classmethod
     def amplification(cls, a, zeta):
