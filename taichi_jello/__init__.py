@@ -5,22 +5,25 @@ import os
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 __version__ = "0.1.0"
 
-from taichi_jello.keyframes import GravityKeyframe, Keyframe, Move
-from taichi_jello.physics.colliders.block import Block
-from taichi_jello.physics.colliders.plane import Plane
-from taichi_jello.physics.colliders.room import Room
-from taichi_jello.physics.colliders.sphere import Sphere
-from taichi_jello.physics.forces.field import CallableField, GridField, UniformField
-from taichi_jello.physics.forces.grab import Grab
-from taichi_jello.region import Region
-from taichi_jello.scene import Camera, Contact, Pin, Scene, SceneError, Solver
-from taichi_jello.shapes.ball import Ball
-from taichi_jello.shapes.lattice import Box
-from taichi_jello.shapes.mesh import Mesh
-from taichi_jello.shapes.ring import Ring
-from taichi_jello.shapes.rope import Rope
-from taichi_jello.shapes.sheet import Sheet
-from taichi_jello.simulation import Diverged, Simulation, Snapshot
+from taichi_jello import interrupt
+
+with interrupt.put_off():  # Taichi's decorators lose it
+    from taichi_jello.keyframes import GravityKeyframe, Keyframe, Move
+    from taichi_jello.physics.colliders.block import Block
+    from taichi_jello.physics.colliders.plane import Plane
+    from taichi_jello.physics.colliders.room import Room
+    from taichi_jello.physics.colliders.sphere import Sphere
+    from taichi_jello.physics.forces.field import CallableField, GridField, UniformField
+    from taichi_jello.physics.forces.grab import Grab
+    from taichi_jello.region import Region
+    from taichi_jello.scene import Camera, Contact, Pin, Scene, SceneError, Solver
+    from taichi_jello.shapes.ball import Ball
+    from taichi_jello.shapes.lattice import Box
+    from taichi_jello.shapes.mesh import Mesh
+    from taichi_jello.shapes.ring import Ring
+    from taichi_jello.shapes.rope import Rope
+    from taichi_jello.shapes.sheet import Sheet
+    from taichi_jello.simulation import Diverged, Simulation, Snapshot
 
 __all__ = [
     "Ball",

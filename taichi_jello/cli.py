@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import taichi_jello.sceneio as sceneio
-from taichi_jello import energy_plot, runtime
+from taichi_jello import energy_plot, interrupt, runtime
 from taichi_jello.options import options, studies
 from taichi_jello.progress import bar
 from taichi_jello.replay import Recorded, Replay, Replayed, ReplayError, playable
@@ -297,6 +297,12 @@ def main(arguments: list[str] | None = None) -> int:
     chosen = parser.parse_args(arguments if arguments else ["play"])
     if chosen.command is None:
         parser.error("expected a command")
+    with interrupt.heeded():
+        return obeyed(chosen)
+
+
+def obeyed(chosen: argparse.Namespace) -> int:
+    """Do what was asked for. Returns the exit status."""
     try:
         globals()[f"do_{chosen.command}"](chosen)
     except (Mistake, SceneError, runtime.RuntimeProblem) as error:
@@ -313,4 +319,8 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
+    except Exception:
+        if interrupt.asked():  # inside a class, Python makes RuntimeError of it
+            return 130
+        raise
     return 0

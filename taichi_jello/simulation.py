@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_jello import runtime
+from taichi_jello import interrupt, runtime
 from taichi_jello.assembly import assembled
 from taichi_jello.body import Body
 from taichi_jello.clock import Clock, StepWarning, asked_substeps, safe_substeps
@@ -199,6 +199,7 @@ class Simulation:
         """Go on by `count` substeps; a check for bad numbers follows each frame and the last substep."""
         runtime.check(self.system.owner)
         while count > 0:
+            interrupt.look()
             part = min(count, self.clock.left)
             self._begin_frame()
             self.system.steps(self.clock.done, self.clock.done + part, self.dt)

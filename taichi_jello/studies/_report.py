@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_jello import __version__, runtime
+from taichi_jello import __version__, interrupt, runtime
 from taichi_jello.progress import bar
 
 REPEATS = 9
@@ -57,14 +57,15 @@ def take(
 ) -> None:
     """Go through the pieces of a study's work, which leave what they find in `told`, with a bar. Ctrl-C and SIGTERM end
     it; until all is done `told` says that it was interrupted, and after each piece the file of --json has it."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    before = signal.signal(signal.SIGTERM, interrupt.obey)
     told["interrupted"] = True
     try:
         for _ in bar(pieces, title, quiet=chosen.quiet, total=total):
+            interrupt.look()
             keep(chosen, told)
         told["interrupted"] = False
     except KeyboardInterrupt:
-        pass
+        interrupt.forget()  # what is there is told in full
     finally:
         signal.signal(signal.SIGTERM, before)
 

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from taichi_jello import interrupt
 from taichi_jello.scene import Scene
 from taichi_jello.simulation import Simulation
 from taichi_jello.view.screen import Screen
@@ -47,6 +48,7 @@ def play(
     asked = leave_when_asked(viewer)
     try:
         while screen.running and not viewer.leaving and (seconds is None or viewer.simulation.time < seconds):
+            interrupt.look()
             screen.listen(viewer)
             now = time.perf_counter()
             viewer.advance(now - before)
