@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-WIDE = 8  # elements of a leaf, and children of a node
+WIDE = 8  # elements of a leaf, where it holds more than one, and children of a node
 
 
 @dataclass(frozen=True)
@@ -25,13 +25,14 @@ class BoxTree:
     start: np.ndarray
 
     @classmethod
-    def of(cls, owner: np.ndarray, middle: np.ndarray, jellos: int) -> "BoxTree":
-        """owner (E,): the jello of each element; middle (E, 3): where it is in the undeformed body."""
+    def of(cls, owner: np.ndarray, middle: np.ndarray, single: np.ndarray) -> "BoxTree":
+        """owner (E,): the jello of each element; middle (E, 3): where it is in the undeformed body; single (J,) bool:
+        the jellos whose leaves hold one element each."""
         order = in_blocks(owner, middle)
-        begin = np.searchsorted(owner[order], np.arange(jellos + 1))
+        begin = np.searchsorted(owner[order], np.arange(len(single) + 1))
         first, last = [], []
-        for low, high in zip(begin[:-1].tolist(), begin[1:].tolist(), strict=True):
-            size = WIDE
+        for low, high, one in zip(begin[:-1].tolist(), begin[1:].tolist(), single.tolist(), strict=True):
+            size = 1 if one else WIDE
             while low < high:
                 starts = np.arange(low, high, size)
                 first.append(starts)

@@ -9,6 +9,7 @@ points keep a radius away from their triangles and segments.
 import numpy as np
 import taichi as ti
 
+from taichi_jello.physics.boxes import box_around, meet
 from taichi_jello.physics.elements import cell_holds, nearest
 from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.touching import FAR, Touching
@@ -17,7 +18,7 @@ from taichi_jello.torn import still_there
 AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and left out
 SLOTS = 16  # contacts of a point that are listed; if it has more, all contacts are looked through
 UNIT = 1024  # a whole contact in the count of what presses on a point, in which a corner has its share
-TINY = 1e-9  # m
+TINY, ROOT_FAR = 1e-9, FAR**0.5  # m
 SAME = 0.5  # the cosine above which a face faces as the point does that would leave by it
 BACK = 1 / 3  # of the distance to the face to leave by: within it a point near an edge goes back over that edge
 LOAD = 2  # whole contacts that press on one point with full stiffness: its own and one that it is a corner of
@@ -53,12 +54,13 @@ class Contacts:
             self.exits, self.triangles = table("exits of each cell", touching.exits), table("exits", touching.triangles)
             self.exit_start = table("starts of exits", touching.start)
             self.way, self.inner = table("ways to them", touching.way), table("inner neighbours", touching.inner)
-            self.boxes = memory.zeros(title, "boxes of cells", (self.solid, 6))
+            self.boxes = memory.zeros(title, "boxes of cells", (len(touching.nodes), 6))
+            self.leaf_boxes = memory.zeros(title, "boxes of leaves", (self.near.boxes_of_nodes, 6))
         if self.near.skinned:
             self.parts = table("shares", touching.share)
         if tears:
             self.holds = table("elements not parted", np.ones(len(touching.nodes), np.int32))
-        self.there = memory.vectors(title, "x looked at")
+        self.there = memory.zeros(title, "x looked at", (memory.particles, 3))
         self.place = memory.zeros(title, "places", (self.points, 3))
         count = AT_ONCE * self.points
         self.corners = memory.zeros(title, "touched corners", (count, 3), whole=True)
@@ -86,9 +88,10 @@ class Contacts:
                 if self.near.meets_any[self.near.jello[self.near.points[q]]]:
                     self.place[q] = self.near.at(q, self.there)
             if ti.static(self.has_solid):
-                for e in range(system.share_of(first, self.solid), system.share_of(last, self.solid)):
-                    if self.near.is_found[e]:
-                        self.boxes[e] = self.box(e)
+                leaves = self.near.boxes_of_nodes
+                for n in range(system.share_of(first, leaves), system.share_of(last, leaves)):
+                    if self.near.is_found[n]:
+                        self.fit(n)
         elif ti.static(r == 2):
             busy = self.near.state[2]
             for k in range(system.share_of(first, busy), system.share_of(last, busy)):
@@ -105,53 +108,54 @@ class Contacts:
             self.holds.from_numpy(there.astype(np.int32))
 
     @ti.func
-    def is_whole(self, e):
-        whole = True
+    def may_touch(self, q, e):
+        may = self.near.is_apart(q, e)
         if ti.static(self.tears):
-            whole = self.holds[e] == 1
-        return whole
+            may = may and self.holds[e] == 1
+        return may
 
     @ti.func
-    def box(self, e):
-        nodes = self.near.nodes[e]
-        low = self.there[nodes[0]]
-        high = low
-        for k in ti.static(range(1, 8)):
-            low, high = ti.min(low, self.there[nodes[k]]), ti.max(high, self.there[nodes[k]])
-        return ti.Vector([low[0], low[1], low[2], high[0], high[1], high[2]])
-
-    @ti.func
-    def holds_point(self, e, p):
-        box, inside = self.boxes[e], False
-        low, high = ti.Vector([box[0], box[1], box[2]]), ti.Vector([box[3], box[4], box[5]])
-        if (p >= low).all() and (p <= high).all():
-            inside = cell_holds(self.near.nodes[e], self.there, p)
-        return inside
+    def fit(self, n):
+        """The boxes of leaf n and of its cells as they are now."""
+        all_low, all_high = ti.Vector([FAR, FAR, FAR]), -ti.Vector([FAR, FAR, FAR])
+        for at in range(self.near.tree_first[n], self.near.tree_last[n]):
+            nodes = self.near.nodes[self.near.tree_order[at]]
+            low = self.there[nodes[0]]
+            high = low
+            for k in ti.static(range(1, 8)):
+                low, high = ti.min(low, self.there[nodes[k]]), ti.max(high, self.there[nodes[k]])
+            self.boxes[at] = box_around(low, high)
+            all_low, all_high = ti.min(all_low, low), ti.max(all_high, high)
+        self.leaf_boxes[n] = box_around(all_low, all_high)
 
     @ti.func
     def find(self, q, v, ahead):
         """The contacts of a point: with each other jello the first of its cells that holds the point, or the nearest of
         its triangles and segments within reach."""
         p = self.place[q]
-        met, jello, solid, best = 0, -1, False, ti.cast(FAR, float)
+        met, n, jello, solid, best = 0, 0, -1, False, ti.cast(FAR, float)
         corners, weights = ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
         place, end = self.near.start[q], self.near.listed[q]
         for k in range(end + 1):  # one more than listed, to end with the last jello
-            e, other = 0, -1
+            first, last, other = 0, 0, -1
             if k < end:
-                e, place = self.near.next(place)
-                other = self.near.owner[e]
+                n, place = self.near.next(place)
+                first, last = self.near.tree_first[n], self.near.tree_last[n]
+                other = self.near.owner[self.near.tree_order[first]]
             if other != jello:
                 if best < FAR and met < AT_ONCE:
                     met += self.note(q, met, corners, weights, best, solid, v, ahead)
-                jello, solid, best = other, e < self.solid, FAR
+                jello, solid, best = other, self.near.tree_order[first] < self.solid, FAR
             if ti.static(self.has_solid):  # noqa: SIM102
-                if k < end and solid and best == FAR and self.is_whole(e):  # noqa: SIM102
-                    if self.holds_point(e, p):
-                        best, corners, weights = self.leave(e, p, p - self.there[self.inner[q]])
+                if k < end and solid and best == FAR and meet(self.leaf_boxes[n], p, p):
+                    for at in range(first, last):
+                        if best == FAR and meet(self.boxes[at], p, p):
+                            e = self.near.tree_order[at]
+                            if cell_holds(self.near.nodes[e], self.there, p) and self.may_touch(q, e):
+                                best, corners, weights = self.leave(e, p, p - self.there[self.inner[q]])
             if ti.static(self.has_thin):  # noqa: SIM102
-                if k < end and not solid and self.is_whole(e):
-                    nodes = self.near.nodes[e]
+                if k < end and not solid and self.may_touch(q, self.near.tree_order[first]):
+                    nodes = self.near.nodes[self.near.tree_order[first]]
                     own = ti.Vector([self.point_of[nodes[0]], self.point_of[nodes[1]], self.point_of[nodes[2]]])
                     best, corners, weights = self.nearer(p, own, best, corners, weights)
         self.own[q] = met
@@ -164,19 +168,21 @@ class Contacts:
         come in over an edge goes back by the face that is much nearer, wherever it faces: by another it would be
         pressed at once as deep as it is behind the edge, and come back to be thrown out again, for good."""
         a = self.there[self.near.nodes[e][0]]
-        same, least = 0, ti.cast(FAR, float)
-        for k in range(6):
-            axis = (self.there[self.near.nodes[e][4 >> (k >> 1)]] - a) * (2.0 * (k & 1) - 1.0)
-            if self.way[e][k] > 0.0 and axis.dot(out) > SAME * axis.norm() * out.norm():
-                same |= 1 << k
-            else:
-                least = ti.min(least, self.way[e][k])
+        same, first, least, way = 0, 0, ti.cast(FAR, float), self.way[e]
+        for k in ti.static(range(3)):
+            axis = self.there[self.near.nodes[e][4 >> k]] - a
+            faces, least_cosine = axis.dot(out), SAME * axis.norm() * out.norm()
+            for up in ti.static(range(2)):
+                if way[2 * k + up] > 0.0 and ti.static(2 * up - 1) * faces > least_cosine:
+                    same |= 1 << (2 * k + up)
+                elif way[2 * k + up] < least:
+                    least, first = way[2 * k + up], 2 * k + up
         spacing = self.near.spacing[self.near.owner[e]]
         best, corners, weights = ti.cast(FAR, float), ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
         if least < FAR:
-            best, corners, weights = self.nearest_exit(e, p, 63 ^ same, least + spacing, best)
+            best, corners, weights = self.nearest_exit(e, p, 63 ^ same, first, least + spacing, best)
         if same != 0 and best < spacing:
-            back, its_corners, its_weights = self.nearest_exit(e, p, same, spacing, BACK * best)
+            back, its_corners, its_weights = self.nearest_exit(e, p, same, 0, spacing, BACK * best)
             if back < BACK * best:
                 best, corners, weights = back, its_corners, its_weights
         if ti.static(self.near.skinned):  # noqa: SIM102
@@ -185,11 +191,12 @@ class Contacts:
         return best, corners, weights
 
     @ti.func
-    def nearest_exit(self, e, p, sides, longest, best):
+    def nearest_exit(self, e, p, sides, first, longest, best):
         """The place nearer to p than `best` by which it leaves cell e on some of its six sides, given as bits, and by
         ways no longer than `longest`; see nearer."""
         corners, weights = ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
-        for k in range(6):
+        for n in range(8):
+            k = n ^ first
             if (sides >> k) & 1 == 1 and self.way[e][k] <= longest:
                 group = self.exits[e][k]
                 for t in range(self.exit_start[group], self.exit_start[group + 1]):
@@ -206,10 +213,14 @@ class Contacts:
     def nearer(self, p, triangle, best, corners, weights):
         """The nearest place so far: its distance from p, its triangle's corners and their weights."""
         a, b, c = self.place[triangle[0]], self.place[triangle[1]], self.place[triangle[2]]
-        w = nearest(p, a, b, c)
-        distance = (w[0] * a + w[1] * b + w[2] * c - p).norm()
-        less = distance < best
-        return ti.min(distance, best), ti.select(less, triangle, corners), ti.select(less, w, weights)
+        n, most = (b - a).cross(c - a), ti.min(best, ROOT_FAR)
+        above = n.dot(p - a)
+        if above * above <= most * most * n.norm_sqr():  # else its plane is farther away
+            w = nearest(p, a, b, c)
+            distance = (w[0] * a + w[1] * b + w[2] * c - p).norm()
+            if distance < best:
+                best, corners, weights = distance, triangle, w
+        return best, corners, weights
 
     @ti.func
     def note(self, q, number, corners, weights, distance, solid, v, ahead):
@@ -232,19 +243,19 @@ class Contacts:
             self.apart[contact] = apart
         if touches:
             self.corners[contact], self.weights[contact], self.normal[contact] = corners, weights, n
-            self.enter(contact, q, self.part(q))
+            self.enter(contact, q, 1.0, self.part(q))
             for k in ti.static(range(3)):
                 if weights[k] > 0.0:
-                    self.enter(contact, corners[k], weights[k] * self.part(q))
+                    self.enter(contact, corners[k], -weights[k], self.part(q))
         return touches
 
     @ti.func
-    def enter(self, contact, q, weight):
-        """List a contact with point q, on which it presses with its weight."""
-        ti.atomic_add(self.load[q], int(UNIT * weight / self.part(q) + 0.5))
+    def enter(self, contact, q, weight, part):
+        """List a contact with point q, and its weight in it; `part` is that of the point whose contact it is."""
+        ti.atomic_add(self.load[q], int(UNIT * ti.abs(weight) * part / self.part(q) + 0.5))
         place = ti.atomic_add(self.listed[q], 1)
         if place < SLOTS:
-            self.list[q * SLOTS + place] = contact
+            self.list[q * SLOTS + place], self.weight_in[q * SLOTS + place] = contact, weight
 
     @ti.func
     def settle(self, q):
@@ -258,14 +269,12 @@ class Contacts:
             self.share[contact] = float(LOAD * UNIT) / most
         if self.listed[q] <= SLOTS:
             first = q * SLOTS
-            for k in range(first, first + self.listed[q]):
-                contact, place = self.list[k], k
+            for k in range(first + 1, first + self.listed[q]):
+                contact, weight, place = self.list[k], self.weight_in[k], k
                 while place > first and self.list[place - 1] > contact:
-                    self.list[place] = self.list[place - 1]
+                    self.list[place], self.weight_in[place] = self.list[place - 1], self.weight_in[place - 1]
                     place -= 1
-                self.list[place] = contact
-            for k in range(first, first + self.listed[q]):
-                self.weight_in[k] = self.weight(self.list[k], q)
+                self.list[place], self.weight_in[place] = contact, weight
 
     @ti.func
     def weight(self, contact, q):

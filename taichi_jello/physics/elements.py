@@ -36,20 +36,20 @@ def cell_holds(nodes, x: ti.template(), p):
     """Whether the cell with its corners `nodes` at x holds the point p. It is cut into six tetrahedra around its
     diagonal g, each with two corners b and c that follow each other around it; d = p - corner 0 is inside if
     b · (d × g), c · (g × d) and b · (c × d) are all of the sign of the volume b · (c × g), and their sum is not more.
+    All six are looked at, without a branch: a wrong guess which of them it is would cost more.
     """
-    inside, a = False, x[nodes[0]]
+    a = x[nodes[0]]
     g, d = x[nodes[7]] - a, p - a
     plane = d.cross(g)
     b = x[nodes[AROUND[0]]] - a
     side = b.dot(plane)
+    inside = side > side
     for k in ti.static(range(6)):
         c = x[nodes[AROUND[(k + 1) % 6]]] - a
-        its_side = c.dot(plane)
-        if side * its_side <= 0.0:
-            volume = b.dot(c.cross(g))
-            sign = ti.select(volume < 0.0, -1.0, 1.0)
-            u, v, w = side * sign, -its_side * sign, b.dot(c.cross(d)) * sign
-            if volume != 0.0 and u >= 0.0 and v >= 0.0 and w >= 0.0 and u + v + w <= ti.abs(volume):
-                inside = True
+        its_side, normal = c.dot(plane), b.cross(c)
+        volume = normal.dot(g)
+        sign = ti.select(volume < 0.0, -1.0, 1.0)
+        u, v, w = side * sign, -its_side * sign, normal.dot(d) * sign
+        inside |= (volume != 0.0) & (ti.min(u, v, w) >= 0.0) & (u + v + w <= ti.abs(volume))
         b, side = c, its_side
     return inside

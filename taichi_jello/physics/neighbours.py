@@ -1,4 +1,4 @@
-"""Which points are near which elements, found by trees of boxes and again only when something has moved too far.
+"""Which points are near which leaves of trees of boxes over elements, found again only when something moved too far.
 
 A list made with a margin stays right until something has moved by half of it, as in molecular dynamics (Verlet 1967).
 Here every jello is expected to go on as fast as it does, and what counts is how far a particle strays from that: its
@@ -16,7 +16,7 @@ from taichi_jello.physics.state import ALONE, Memory
 from taichi_jello.physics.touching import Touching
 
 ROOM = 40  # places in the lists for each point
-ROW = 8  # places in a row of a list: elements, and in the last one where the next row begins
+ROW = 8  # places in a row of a list: leaves, and in the last one where the next row begins
 SPARE = 0.8  # of a margin after which the lists are made again; the rest covers the step that follows
 OWN = 2.5  # distances between the points within which a jello does not touch itself: there its springs hold
 LEAST, MOST = 0.4, 0.6  # a margin's usual size, in distances between the points
@@ -26,7 +26,8 @@ LONGEST = 60.0  # how long lists last at most, in frames
 
 @ti.data_oriented
 class Neighbours:
-    """Point q has listed[q] elements near it, read one after another by `next` from start[q] on, jello by jello.
+    """Point q has listed[q] leaves near it, read one after another by `next` from start[q] on, jello by jello: blocks
+    of cells, single triangles or segments, the elements tree_order[tree_first[n]] … tree_order[tree_last[n] - 1].
 
     Points that have any: busy[0] … busy[state[2] - 1]."""
 
@@ -57,13 +58,13 @@ class Neighbours:
         self.least_spacing = float(touching.spacing.min())
         owner = body.jello[touching.nodes[:, 0]]
         self.owner, self.lever = table("jello of each element", owner), table("levers", levers(body))
-        tree = BoxTree.of(owner, body.rest[touching.nodes].mean(1), self.jellos)
+        tree = BoxTree.of(owner, body.rest[touching.nodes].mean(1), touching.radius > 0.0)
         self.boxes_of_nodes = len(tree.first)
         self.tree_order, self.tree_skip = table("tree: elements", tree.order), table("tree: next nodes", tree.skip)
         self.tree_first, self.tree_last = table("tree: first elements", tree.first), table("tree: ends", tree.last)
         self.tree_start = table("tree: roots", tree.start)
         self.element_box, self.node_box = numbers("boxes", self.elements, 6), numbers("tree: boxes", len(tree.first), 6)
-        self.is_found, self.meets_any = zeros("elements near points", self.elements), zeros("meets any", self.jellos)
+        self.is_found, self.meets_any = zeros("leaves near points", len(tree.first)), zeros("meets any", self.jellos)
         self.met = zeros("jellos that each meets", self.jellos * self.jellos)
         self.margin, self.ref = numbers("margins", self.particles), memory.vectors(title, "x at the last search")
         self.own_x = numbers("x along own axes", self.particles, 3)
@@ -149,9 +150,7 @@ class Neighbours:
             self._widen(j, x, v, dt, frame_dt, least, most)
         ti.loop_config(serialize=self.serial, block_dim=64)
         for place in range(self.elements):
-            e = self.tree_order[place]
-            self.is_found[e] = 0
-            self.element_box[place] = self._box(e)
+            self.element_box[place] = self._box(self.tree_order[place])
         ti.loop_config(serialize=self.serial, block_dim=16)
         for n in range(self.boxes_of_nodes):
             box = self.element_box[self.tree_first[n]]
@@ -159,7 +158,7 @@ class Neighbours:
             for place in range(self.tree_first[n] + 1, self.tree_last[n]):
                 box = self.element_box[place]
                 low, high = ti.min(low, box[:3]), ti.max(high, box[3:])
-            self.node_box[n] = box_around(low, high)
+            self.node_box[n], self.is_found[n] = box_around(low, high), 0
         ti.loop_config(serialize=self.serial, block_dim=1)
         for a in range(self.jellos):
             self._meet(a)
@@ -246,37 +245,49 @@ class Neighbours:
         while k < self.jellos and self.met[a * self.jellos + k] >= 0:
             b = self.met[a * self.jellos + k]
             k += 1
+            way = self.clock[1] * (self.drift[a] - self.drift[b])
+            n = self.tree_start[b + 1]
+            if meet(self.hull[b], p + ti.min(way, 0.0) - reach, p + ti.max(way, 0.0) + reach):
+                n = self.tree_start[b]
             here = self.along(b, p - self.centre[b])
-            there = here + self.along(b, self.clock[1] * (self.drift[a] - self.drift[b]))
+            there = here + self.along(b, way)
             low, high = ti.min(here, there) - reach, ti.max(here, there) + reach
-            n = self.tree_start[b]
             while n < self.tree_start[b + 1]:
                 if not meet(self.node_box[n], low, high):
                     n = self.tree_skip[n]
                 else:
-                    if self.tree_skip[n] == n + 1:
-                        for other in range(self.tree_first[n], self.tree_last[n]):
-                            e = self.tree_order[other]
-                            if meet(self.element_box[other], low, high) and self._may_touch(q, e, a == b):
-                                place = self._append(q, listed, place, e)
-                                listed += place >= 0
+                    if self.tree_skip[n] == n + 1 and self._may_touch(q, n, a == b):
+                        place = self._append(q, listed, place, n)
+                        listed += place >= 0
                     n += 1
         self.listed[q] = listed
         if listed > 0:
             self.busy[ti.atomic_add(self.state[2], 1)] = q
 
     @ti.func
-    def _may_touch(self, q, e, own):
-        meets = True
+    def _may_touch(self, q, n, own):
+        """Whether point q may touch any element of leaf n, of its own jello or not."""
+        any_may = True
         if ti.static(self.with_self):  # noqa: SIM102 - decided when it is compiled
             if own:
-                apart = (self.rest[self.points[q]] - self.rest[self.nodes[e][0]]).norm()
-                meets = apart > self.apart[self.owner[e]]
-        return meets
+                any_may = False
+                for place in range(self.tree_first[n], self.tree_last[n]):
+                    any_may = any_may or self.is_apart(q, self.tree_order[place])
+        return any_may
 
     @ti.func
-    def _append(self, q, listed, place, e):
-        """Add element e to the list of point q, which has `listed` until now; returns the place behind it, less than 0
+    def is_apart(self, q, e):
+        """Whether element e is not of the neighbourhood of point q in its own jello."""
+        apart = True
+        if ti.static(self.with_self):  # noqa: SIM102
+            if self.owner[e] == self.jello[self.points[q]]:
+                distance = (self.rest[self.points[q]] - self.rest[self.nodes[e][0]]).norm()
+                apart = distance > self.apart[self.owner[e]]
+        return apart
+
+    @ti.func
+    def _append(self, q, listed, place, n):
+        """Add leaf n to the list of point q, which has `listed` until now; returns the place behind it, less than 0
         if there is no room."""
         to = place
         if listed % (ROW - 1) == 0:
@@ -289,17 +300,17 @@ class Neighbours:
                 else:
                     self.found[place] = to
         if to >= 0:
-            self.is_found[e], self.found[to] = 1, e
+            self.is_found[n], self.found[to] = 1, n
             to += 1
         return to
 
     @ti.func
     def next(self, place):
-        """The element at a place of a list, and the next place."""
-        e, after = self.found[place], place + 1
+        """The leaf at a place of a list, and the next place."""
+        n, after = self.found[place], place + 1
         if after % ROW == ROW - 1:
             after = self.found[after]
-        return e, after
+        return n, after
 
     @ti.func
     def watch(self, first, last, x, v, t, dt):

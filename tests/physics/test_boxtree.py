@@ -10,7 +10,8 @@ def test_a_tree_holds_every_element_once_in_compact_nodes():
     owner = np.repeat(np.arange(5), sizes)[::-1]
     grid = np.stack(np.meshgrid(*[np.arange(10.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
     middle = np.random.default_rng(0).permutation(grid)[: len(owner)]
-    tree = BoxTree.of(owner, middle, 5)
+    single = np.arange(5) == 2
+    tree = BoxTree.of(owner, middle, single)
     assert np.array_equal(np.sort(tree.order), np.arange(len(owner)))
     for j, size in enumerate(sizes):
         nodes = range(tree.start[j], tree.start[j + 1])
@@ -18,7 +19,7 @@ def test_a_tree_holds_every_element_once_in_compact_nodes():
         leaves = [n for n in nodes if tree.skip[n] == n + 1]
         held = [e for n in leaves for e in tree.order[tree.first[n] : tree.last[n]]]
         assert np.array_equal(np.sort(held), np.flatnonzero(owner == j))
-        assert all(tree.last[n] - tree.first[n] <= WIDE for n in leaves)
+        assert all(tree.last[n] - tree.first[n] <= (1 if single[j] else WIDE) for n in leaves)
         for n in nodes:  # what is skipped with a node is what is in it
             inside = [m for m in leaves if n <= m < tree.skip[n]]
             assert tree.first[n] == tree.first[inside[0]] and tree.last[n] == tree.last[inside[-1]]
@@ -26,7 +27,7 @@ def test_a_tree_holds_every_element_once_in_compact_nodes():
 
 def test_the_leaves_of_a_lattice_are_blocks():
     grid = np.stack(np.meshgrid(*[np.arange(8.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
-    tree = BoxTree.of(np.zeros(512, int), grid, 1)
+    tree = BoxTree.of(np.zeros(512, int), grid, np.zeros(1, bool))
     places = grid[tree.order].reshape(-1, 8, 3)
     assert np.all(places.max(1) - places.min(1) == 1.0)
     assert np.all(np.ptp(places.reshape(-1, 64, 3), axis=1) == 3.0)
