@@ -75,10 +75,10 @@ class ParticleForce:
     For implicit steps of length c [s] it also offers how it stiffens the step, -∂f/∂x - ∂f/∂v / c, made symmetric and
     never negative: with `has_curvature`, `@ti.func curvature(self, i, x, v, t, c)`, the 3×3 block [N/m] of particle i,
     six numbers as `block` gives them, which must bound what ties i to others as well; or, with `couples`, `@ti.func
-    resist_on_pass(self, first, last, x, p, c, q)`, which adds its product with the displacements p to q, and
-    `pairs(c)`, the particles (i, j) that it ties together and the most that it stiffens each pair by; `generation`
-    counts how often these have changed, other than by `tune`. A force with
-    neither still acts at the end of the step, but the solve does not see it coming.
+    resist_on_pass(self, first, last, x, p, c, q)`, which adds its product with the displacements p to q, `@ti.func
+    hold(self, i, x, c)`, the block that this has for particle i, and `pairs(c)`, the particles (i, j) that it ties
+    together and the most that it stiffens each pair by; `generation` counts how often these have changed, other than
+    by `tune`. A force with neither still acts at the end of the step, but the solve does not see it coming.
 
     With `watches` it keeps something for many steps that is right as long as the particles have not moved too far. It
     defines `fresh`, whether it is right to its knowledge; `forget()`, after which it is not; `refresh(x, v, t, dt)`,

@@ -7,7 +7,7 @@ import taichi as ti
 
 from taichi_jello.law import strongest
 from taichi_jello.physics.bounds import largest_eigenvalue
-from taichi_jello.physics.forces._base import ParticleForce, Rates
+from taichi_jello.physics.forces._base import ParticleForce, Rates, block, even_block
 from taichi_jello.physics.gather import pack
 from taichi_jello.physics.state import LANES
 
@@ -103,18 +103,37 @@ class Springs(ParticleForce):
             f[i] = ti.Vector([fx[i - first], fy[i - first], fz[i - first]])
 
     @ti.func
+    def across_and_along(self, m, inverse_length, c):
+        """The two stiffnesses of one spring's H = across (I - nnᵀ) + along nnᵀ: k(1 - R/L) only where it is stretched,
+        for across a compressed one it would be negative, and k + damping/c."""
+        across, along = ti.max(0.0, hooke(inverse_length, m[0], m[1])), m[0]
+        if ti.static(self.damped):
+            along += m[2] / c
+        return across, along
+
+    @ti.func
     def resistance(self, material, i, j, x, p, c):
-        """-H p of one spring on particle i: H = k[nnᵀ + (1 - R/L)(I - nnᵀ)] + damping/c nnᵀ, the second term only
-        where the spring is stretched: across a compressed one it would be negative."""
+        """-H p of one spring on particle i."""
         m = self.materials[self.place(material, i)]
         d = x[j] - x[i] + ti.Vector([m[3], m[4], m[5]])
         u = p[j] - p[i]
         inverse_length = 1.0 / ti.sqrt(d.dot(d))
-        across = ti.max(0.0, hooke(inverse_length, m[0], m[1]))
-        along = m[0] - across
-        if ti.static(self.damped):
-            along += m[2] / c
-        return across * u + along * u.dot(d) * inverse_length * inverse_length * d
+        across, along = self.across_and_along(m, inverse_length, c)
+        return across * u + (along - across) * u.dot(d) * inverse_length * inverse_length * d
+
+    @ti.func
+    def hold(self, i, x, c):
+        """The 3×3 block of H that particle i's springs put on itself, as `block` gives it."""
+        total = even_block(ti.cast(0.0, float))
+        for e in range(self.start[i // LANES], self.start[i // LANES + 1]):
+            entry = self.entries[e]
+            if (entry[1] >> (i % LANES)) & 1:
+                m = self.materials[self.place(entry[2], i)]
+                d = x[i + entry[0]] - x[i] + ti.Vector([m[3], m[4], m[5]])
+                inverse_length = 1.0 / ti.sqrt(d.dot(d))
+                across, along = self.across_and_along(m, inverse_length, c)
+                total += block(across, along, inverse_length * d)
+        return total
 
     @ti.func
     def resist_on_pass(self, first, last, x, p, c, q):

@@ -7,6 +7,10 @@ What a few numbers describe is solved for by them: every jello has a coarse grid
 its values P y, trilinear between the grid's nodes, and A꜀ = Pᵀ A P is inverted as a whole. What is finer is left to the
 diagonal: s = D⁻¹ r + P A꜀⁻¹ Pᵀ r (two levels of Bramble, Pasciak and Xu 1990). Counted in iterations this is as good
 as the exact A⁻¹ at 8³ and at 16³ points, for a hundredth of its work.
+
+A resists all directions alike. Where H does not, it is no measure of it: a particle that stiff springs hold along one
+line only, beside a stiff part of a soft body or in a sheet or rope, is free across it, and each such freedom would take
+conjugate gradients iterations of its own. Such bodies have for D the 3×3 blocks of H itself, made anew with H.
 """
 
 import numpy as np
@@ -16,6 +20,8 @@ from taichi_jello.physics.forces.springs import VECTORS
 
 NODES = 256  # of all coarse grids together, at most, unless one cell for each jello has more
 CELLS = 4  # along the longest side of a jello, at most
+EVEN = 0.02  # of all that holds a particle, the least there is in a direction for one number to stand for its block
+ALIKE = 100.0  # times as much as another particle, the most that one is held for the same
 CHUNK = 1 << 22  # numbers of a dense piece while PᵀLP is summed up
 
 
@@ -49,6 +55,17 @@ def fitting_grid(body):
     return grid
 
 
+def held_evenly(body):
+    """Whether its springs hold every particle in all directions, and none much more than another."""
+    free = ~body.pinned[body.springs]
+    stiff = body.stiffness[:, None, None] * body.direction[:, :, None] * body.direction[:, None]
+    blocks = np.zeros((len(body), 3, 3))
+    for end in (0, 1):
+        np.add.at(blocks, body.springs[free[:, end], end], stiff[free[:, end]])
+    least, total = np.linalg.eigvalsh(blocks)[:, 0], np.trace(blocks, axis1=1, axis2=2)
+    return bool(np.all(least >= EVEN * total) and total.max() <= ALIKE * total[total > 0.0].min(initial=np.inf))
+
+
 def ties(system, c):
     """All pairs (2, S) that forces tie together and how much they stiffen each [N/m]."""
     found = [force.pairs(c) for force in system.all_forces if force.couples]
@@ -58,10 +75,11 @@ def ties(system, c):
 
 @ti.data_oriented
 class TwoLevel:
-    """s = (D⁻¹ + P A꜀⁻¹ Pᵀ) r."""
+    """s = (D⁻¹ + P A꜀⁻¹ Pᵀ) r. by_blocks: D is H's own; then `factor` is told these blocks before `apply`."""
 
     def __init__(self, memory, body):
         self.memory, self.body = memory, body
+        self.by_blocks = not held_evenly(body)
         self.nodes, self.weights, self.count = fitting_grid(body)
         self.passes = -(-self.count // VECTORS)
         padded = self.passes * VECTORS
@@ -74,10 +92,13 @@ class TwoLevel:
             "share": weight[order],
             "above": self.nodes,  # and each particle's nodes
             "of": self.weights,
-            "diagonal": np.zeros(memory.padded),
             "right": np.zeros((padded, 3)),
             "left": np.zeros((padded, 3)),
         }
+        if self.by_blocks:
+            self.factors = memory.vectors("solve", "factors", 2)
+        else:
+            tables["diagonal"] = np.zeros(memory.padded)
         for name, values in tables.items():
             setattr(self, name, memory.table("solve", f"coarse {name}", values))
         self.inverse = memory.numbers("solve", "coarse inverse", (padded, padded))
@@ -88,9 +109,10 @@ class TwoLevel:
     def prepare(self, system, c):
         body, n = self.body, len(self.body)
         (i, j), weight = ties(system, c)
-        diagonal = body.mass / c**2 + np.bincount(i, weight, n) + np.bincount(j, weight, n)
-        found = np.where(body.pinned, 0.0, 1.0 / diagonal)
-        self.diagonal.from_numpy(np.pad(found, (0, self.memory.padded - n)).astype(self.memory.number))
+        if not self.by_blocks:
+            diagonal = body.mass / c**2 + np.bincount(i, weight, n) + np.bincount(j, weight, n)
+            found = np.where(body.pinned, 0.0, 1.0 / diagonal)
+            self.diagonal.from_numpy(np.pad(found, (0, self.memory.padded - n)).astype(self.memory.number))
         padded = np.zeros(self.inverse.shape, self.memory.number)
         padded[: self.count, : self.count] = inverse = np.linalg.inv(self.coarse_matrix(c, i, j, weight))
         self.inverse.from_numpy(padded)
@@ -119,6 +141,35 @@ class TwoLevel:
         return total
 
     @ti.func
+    def factor(self, system, i, B):
+        """B = L diag(d) Lᵀ, as 1/d and what L has below its diagonal of ones. A pivot smaller than the rounding of what
+        it is left over from is that."""
+        least = ti.static(4.0 * self.memory.owner.epsilon)
+        a, b = B[5] / B[0], B[4] / B[0]
+        second = ti.max(B[1] - a * B[5], least * B[1])
+        e = (B[3] - a * B[4]) / second
+        third = ti.max(B[2] - b * B[4] - e * e * second, least * B[2])
+        pivots = ti.Vector([1.0 / B[0], 1.0 / second, 1.0 / third])
+        if ti.static(system.particles.pinned):
+            pivots *= system.particles.free[i]
+        self.factors[0, i], self.factors[1, i] = pivots, ti.Vector([a, b, e])
+
+    @ti.func
+    def own(self, i, u):
+        """D⁻¹ u of particle i."""
+        found = u
+        if ti.static(self.by_blocks):
+            pivots, L = self.factors[0, i], self.factors[1, i]
+            found[1] -= L[0] * found[0]
+            found[2] -= L[1] * found[0] + L[2] * found[1]
+            found *= pivots
+            found[1] -= L[2] * found[2]
+            found[0] -= L[0] * found[1] + L[1] * found[2]
+        else:
+            found *= self.diagonal[i]
+        return found
+
+    @ti.func
     def apply(self, system, first, last, r, s):
         system.wait_for_team()  # until r of all particles is there
         here, there = system.share_of(first, self.count), system.share_of(last, self.count)
@@ -141,7 +192,7 @@ class TwoLevel:
                 self.left[pass_ * VECTORS + lane] = ti.Vector([sx[lane], sy[lane], sz[lane]])
         system.wait_for_team()
         for i in range(first, last):
-            total = self.diagonal[i] * r[i]
+            total = self.own(i, r[i])
             nodes, weights = self.above[i], self.of[i]
             for k in ti.static(range(8)):
                 total += weights[k] * self.left[nodes[k]]

@@ -168,6 +168,11 @@ class Newton:
             if ti.static(force.has_curvature):
                 B += force.curvature(i, self.at.x, self.at.v, self.registers[TIME], c)
         self.set_block(i, B)
+        if ti.static(self.inner_solver.by_blocks):
+            for force in ti.static(system.in_passes):
+                if ti.static(force.couples):
+                    B += force.hold(i, self.at.x, c)
+            self.inner_solver.factor(system, i, B)
 
     @ti.func
     def set_block(self, i, B):
