@@ -24,11 +24,14 @@ SWAPPED = 0.5  # by which the others may: they swap energy with their own error,
 
 
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
-    """A row for each case and method; with --quick the methods `auto` chooses from, and no case of very many steps.
-    --method a,b: these alone."""
+    """A row for each case and method; with --quick the methods `auto` chooses from, and no case of very many steps;
+    what that leaves out is told. --method a,b: these alone."""
     methods = chosen.method.split(",") if chosen.method else list(QUICK) if chosen.quick else [AUTO, *sorted(schemes())]
-    told: dict[str, Any] = machine() | {"precision": chosen.precision, "rows": []}
-    pairs = [(case, method) for case in CASES if not (case.steps and chosen.quick) for method in methods]
+    skipped = [case.name for case in CASES if case.steps and chosen.quick]
+    told: dict[str, Any] = machine() | {"precision": chosen.precision, "rows": [], "skipped": skipped}
+    if chosen.quick and not chosen.method:
+        told["skipped"] += sorted(set(schemes()) - set(methods))
+    pairs = [(case, method) for case in CASES if case.name not in skipped for method in methods]
     take(chosen, told, pieces(chosen, pairs, told), "stress", len(pairs))
     return told
 
@@ -92,7 +95,8 @@ def text(told: dict[str, Any]) -> str:
     ]  # fmt: skip
     failed = sum(not r["passes"] for r in told["rows"])
     last = f"{len(told['rows'])} runs, {failed} of them failed" + (", interrupted" if told["interrupted"] else "")
-    return "\n".join([headline(told), table(heads, rows), last])
+    left_out = [f"--quick leaves out: {', '.join(told['skipped'])}"] * bool(told["skipped"])
+    return "\n".join([headline(told), table(heads, rows), last, *left_out])
 
 
 def rows(told: dict[str, Any]) -> list[dict[str, Any]]:

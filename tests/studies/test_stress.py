@@ -46,13 +46,15 @@ def test_shape_error_sees_past_motion_and_reflection():
 
 def test_figures_become_a_page_lines_and_a_picture(tmp_path):
     good = {"case": "flat", "asked": "auto", "method": "rk4", "substeps": 3, "rise": 0.0, "passes": True}
-    told = {"processor": "P", "cores": 2, "python": "3", "taichi": "1", "interrupted": False}
+    told = {"processor": "P", "cores": 2, "python": "3", "taichi": "1", "interrupted": False, "skipped": []}
     told["rows"] = [
         good | {"verdict": "ok"},
         {"case": "flat", "asked": "euler", "passes": True, "verdict": "refuses: x"},
     ]
     page = stress.text(told)
     assert "auto (rk4)" in page and "refuses: x" in page and page.endswith("2 runs, 0 of them failed")
+    told["skipped"] = ["turns for 1e6 steps", "xpbd"]
+    assert stress.text(told).endswith("\n--quick leaves out: turns for 1e6 steps, xpbd")
     assert stress.rows(told)[1]["method"] is None
     stress.plot(told, tmp_path / "stress.png")
     assert (tmp_path / "stress.png").stat().st_size > 2000
