@@ -3,250 +3,32 @@ and time until a step is as near to the converged one as asked for. What wins he
 
 import argparse
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from taichi_jello.assembly import assembled
-from taichi_jello.physics.solve.inner import fitting_grid
-from taichi_jello.scene import Scene
-from taichi_jello.shapes.lattice import Box
-from taichi_jello.studies._report import INSTALL, Lacking, headline, machine, new_figure, save_figure, table, take
+from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
+from taichi_jello.studies._solvers import INNER, OUTER, STEP, Array, Inner, Landing, newton, turned, two_levels_added
 
-STEP = 1.0 / 60.0  # s
-STIFFNESS, POINTS = 1e5, 8  # N/m of 8³ points; more points are as stiff as a whole
-SIZES = {False: (8, 16, 32), True: (7,)}  # by --quick
-FRAMES = {False: (2, 3), True: (2,)}  # which are measured, of a fall that touches the ground in the second
+PLAIN = "blocks"  # of Newton's method alone, the measure for all others
 GOALS = (0.1, 0.01, 0.001)  # of the distance from the first guess to the converged step
-CONVERGED = 1e-6  # of the first Newton step
-MOST = 300  # passes
+CONVERGED = 1e-5  # of the first Newton step
+MOST, SECONDS = 300, 20.0  # passes, and time, after which a way is left where it is
 LARGEST = {"inverse": 4100, "sparse factors": 4100}  # particles; beyond, 8.6 GB and minutes at 32³
-PAIRS = 5  # that L-BFGS remembers
-GROUND, GRAVITY = 2000.0, 9.81  # N/m of a touching point, m/s²
-
-Array = np.ndarray
-Inner = Callable[[Array], Array]
 
 
-def sparse() -> Any:
-    try:
-        import scipy.sparse
-        import scipy.sparse.linalg
-    except ImportError:
-        raise Lacking(f"needs scipy: {INSTALL}") from None
-    return scipy.sparse
+@dataclass(frozen=True)
+class Fall:
+    """A cube of points³, and which frames are measured, of a fall that touches the ground in the second."""
+
+    points: int
+    frames: tuple[int, ...]
 
 
-class Landing:
-    """One step after the other of x = z + c v, v = w + c M⁻¹ f for a cube that is thrown at ground without friction or
-    dashpots. Counts the passes over its springs."""
-
-    def __init__(self, points: int):
-        stiffness = STIFFNESS * (POINTS - 1) / (points - 1)
-        cube = Box(
-            points=(points, points, points),
-            stiffness=stiffness,
-            position=(0.0, 0.75, 0.0),
-            rotation=(10.0, 20.0, 5.0),
-            velocity=(0.0, -5.0, 0.0),
-        )
-        self.body = body = assembled(Scene(jello=[cube]))
-        self.m, self.x, self.v = body.mass[:, None], body.x.copy(), body.v.copy()
-        self.i, self.j = body.springs.T
-        count = len(body.springs)
-        ends, signs = np.concatenate([self.i, self.j]), np.repeat([1.0, -1.0], count)
-        self.gather = sparse().csr_matrix((signs, (ends, np.tile(np.arange(count), 2))), (len(body), count))
-        ties = sparse().diags(body.stiffness + body.damping / STEP)
-        self.A = (sparse().diags(body.mass / STEP**2) + self.gather @ ties @ self.gather.T).tocsc()
-        self.passes = 0
-
-    def residual(self, x: Array) -> Array:
-        """m (w - v)/c + f(x, v), (N, 3) [N]; what of it the springs are is kept."""
-        self.passes += 1
-        body, v = self.body, (x - self.x) / STEP
-        d, apart = x[self.j] - x[self.i], v[self.j] - v[self.i]
-        length = np.sqrt(np.einsum("sk,sk->s", d, d))
-        pull = body.stiffness * (1.0 - body.rest_length / length)
-        pull += body.damping * np.einsum("sk,sk->s", apart, d) / length**2
-        self.elastic = self.gather @ (pull[:, None] * d)
-        r = self.elastic + self.m * (self.v - v) / STEP
-        r[:, 1] += GROUND * np.maximum(0.0, -x[:, 1]) - GRAVITY * self.m[:, 0]
-        return r
-
-    def own(self, x: Array) -> Array:
-        """(N, 3) the diagonal of the blocks B: mass and contact."""
-        B = np.repeat(self.m / STEP**2, 3, 1)
-        B[:, 1] += np.where(x[:, 1] < 0.0, GROUND, 0.0)
-        return B
-
-    def product(self, x: Array, B: Array) -> Inner:
-        """p -> H p, H made positive as in the program."""
-        d = x[self.j] - x[self.i]
-        length = np.sqrt(np.einsum("sk,sk->s", d, d))
-        across = np.maximum(0.0, self.body.stiffness * (1.0 - self.body.rest_length / length))
-        along = self.body.stiffness + self.body.damping / STEP - across
-        n = d / length[:, None]
-
-        def times(p: Array) -> Array:
-            self.passes += 1
-            u = p[self.i] - p[self.j]
-            return B * p + self.gather @ (across[:, None] * u + (along * np.einsum("sk,sk->s", n, u))[:, None] * n)
-
-        return times
-
-
-# Ways to approximate A⁻¹: from a landing to a function of r, and the numbers that it keeps.
-
-
-def diagonal(problem: Landing) -> tuple[Inner, int]:
-    D = problem.A.diagonal()[:, None]
-    return (lambda r: r / D), D.size
-
-
-def whole_inverse(problem: Landing) -> tuple[Inner, int]:
-    inverse = np.linalg.inv(problem.A.toarray())
-    return (lambda r: inverse @ r), inverse.size
-
-
-def factors(problem: Landing) -> tuple[Inner, int]:
-    """SuperLU's, for SciPy has no Cholesky factors; these would be half as many numbers."""
-    lu = sparse().linalg.splu(problem.A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)
-    return lu.solve, lu.L.nnz + lu.U.nnz
-
-
-def coarse(problem: Landing) -> tuple[Any, Array]:
-    nodes, weights, count = fitting_grid(problem.body)
-    particle = np.repeat(np.arange(len(nodes)), 8)
-    P = sparse().csr_matrix((weights.ravel(), (particle, nodes.ravel())), (len(nodes), count))
-    return P, np.linalg.inv((P.T @ problem.A @ P).toarray())
-
-
-def two_levels_added(problem: Landing) -> tuple[Inner, int]:
-    """What the program does, and adds the modes too."""
-    D, (P, inverse) = problem.A.diagonal()[:, None], coarse(problem)
-    return (lambda r: r / D + P @ (inverse @ (P.T @ r))), inverse.size + P.nnz + D.size
-
-
-def two_levels_in_turn(problem: Landing) -> tuple[Inner, int]:
-    """A V-cycle: relaxed, corrected from the coarse grid, relaxed again."""
-    A, D, (P, inverse) = problem.A.tocsr(), problem.A.diagonal()[:, None], coarse(problem)
-    relaxed = 0.6 / D  # A's largest eigenvalue over its diagonal is below 2
-
-    def cycle(r: Array) -> Array:
-        s = relaxed * r
-        s = s + P @ (inverse @ (P.T @ (r - A @ s)))
-        return s + relaxed * (r - A @ s)
-
-    return cycle, inverse.size + P.nnz + D.size + A.nnz
-
-
-INNER = {
-    "diagonal": diagonal,
-    "inverse": whole_inverse,
-    "sparse factors": factors,
-    "two levels added": two_levels_added,
-    "two levels in turn": two_levels_in_turn,
-}
-
-
-def modes(x: Array, m: Array) -> tuple[Array, Array]:
-    """The centre and the six motions as a whole, (6, N, 3)."""
-    center = (m * x).sum(0) / m.sum()
-    unit = np.eye(3)
-    return center, np.array([e + 0.0 * x for e in unit] + [np.cross(e, x - center) for e in unit])
-
-
-def with_modes(inner: Inner, x: Array, m: Array, B: Array) -> Inner:
-    """s = Q r + (I - QB) A⁻¹ (I - BQ) r, see physics/solve/rigid.py: L-BFGS goes too far with the sum of the two."""
-    _, Z = modes(x, m)
-    BZ = B * Z
-    inverse = np.linalg.inv(np.einsum("and,bnd->ab", Z, BZ))
-
-    def solve(r: Array) -> Array:
-        q = inverse @ np.einsum("and,nd->a", Z, r)
-        s = inner(r - np.einsum("a,and->nd", q, BZ))
-        q = q - inverse @ np.einsum("and,nd->a", BZ, s)
-        return s + np.einsum("a,and->nd", q, Z)
-
-    return solve
-
-
-def turned(x: Array, m: Array, d: Array, part: float) -> tuple[Array, Array, Array]:
-    """Where that part of the step d leads, what moves as a whole really turned; the direction there, the rotation."""
-    center, Z = modes(x, m)
-    q = np.linalg.solve(np.einsum("and,bnd->ab", Z, m * Z), np.einsum("and,nd->a", Z, m * d))
-    e = d - np.einsum("a,and->nd", q, Z)
-    tau, omega = q[:3], q[3:]
-    angle = float(np.linalg.norm(omega)) or 1.0
-    W = np.cross(omega / angle, np.eye(3)).T  # W u = ω × u / |ω|
-    R = np.eye(3) + np.sin(part * angle) * W + (1.0 - np.cos(part * angle)) * (W @ W)
-    arm = (x - center + part * e) @ R.T
-    return center + part * tau + arm, tau + np.cross(omega, arm) + e @ R.T, R
-
-
-def along(problem: Landing, x: Array, d: Array, slope: float) -> tuple[Array, Array, Array, Array, bool]:
-    """A step along d, shortened while it goes too far; the residual there, what was gone, the rotation, and whether
-    that was the whole step."""
-    part = 1.0
-    for _ in range(8):
-        there, direction, R = turned(x, problem.m, d, part)
-        r = problem.residual(there)
-        here = float((direction * r).sum())
-        if here >= -0.5 * slope:
-            break
-        part *= min(0.6, max(0.1, slope / (slope - here)))
-    return there, r, part * direction, R, part == 1.0
-
-
-def newton(problem: Landing, inner: Inner, x: Array, forcing: float = 0.1) -> Iterator[Array]:
-    """Newton's method with conjugate gradients, the program's."""
-    r = problem.residual(x)
-    while True:
-        B = problem.own(x)
-        H, solve = problem.product(x, B), with_modes(inner, x, problem.m, B)
-        start, d, s = r, np.zeros_like(x), solve(r)
-        p, rho = s, float((r * s).sum())
-        stop = forcing**2 * rho
-        while rho > stop and problem.passes < MOST:
-            q = H(p)
-            alpha = rho / float((p * q).sum())
-            d, r = d + alpha * p, r - alpha * q
-            s = solve(r)
-            rho, before = float((r * s).sum()), rho
-            p = s + rho / before * p
-        x, r, *_ = along(problem, x, d, float((d * start).sum()))
-        yield x
-
-
-def lbfgs(problem: Landing, inner: Inner, x: Array) -> Iterator[Array]:
-    """Liu, Bouaziz and Kavan 2017: L-BFGS from the constant matrix. What it remembers is of the springs alone and turns
-    with the body; B is known. After a step that had to be shortened it begins anew."""
-    r = problem.residual(x)
-    kept: list[tuple[Array, Array]] = []
-    while True:
-        B = problem.own(x)
-        pairs = [(s, y + B * s) for s, y in kept]
-        solve = with_modes(inner, x, problem.m, B)
-        q, weights = r, []
-        for s, y in reversed(pairs):
-            weights.append(float((s * q).sum() / (s * y).sum()))
-            q = q - weights[-1] * y
-        d = solve(q)
-        for (s, y), weight in zip(pairs, reversed(weights), strict=True):
-            d = d + s * (weight - float((y * d).sum() / (s * y).sum()))
-        before = problem.elastic
-        x, r, gone, R, whole = along(problem, x, d, float((d * r).sum()))
-        kept = [(s @ R.T, y @ R.T) for s, y in kept] if whole else []
-        y = before @ R.T - problem.elastic
-        if float((gone * (y + problem.own(x) * gone)).sum()) > 0.0:
-            kept = [*kept, (gone, y)][-PAIRS:]
-        yield x
-
-
-OUTER: dict[str, Callable[..., Iterator[Array]]] = {"newton": newton, "l-bfgs": lbfgs}
+FALLS = {False: (Fall(8, (2, 3)), Fall(16, (2, 3)), Fall(32, (2,))), True: (Fall(7, (2,)),)}  # by --quick
 
 
 @dataclass
@@ -255,7 +37,7 @@ class Way:
 
     outer: str
     inner: str
-    apply: Inner
+    apply: Inner | None
     prepared: float
     numbers: int
     passes: Array = field(default_factory=lambda: np.zeros(len(GOALS)))
@@ -264,8 +46,8 @@ class Way:
     def solve(self, problem: Landing, guess: Array, converged: Array) -> None:
         first, spent, reached = rms(guess - converged), 0.0, 0
         problem.passes = 0
-        steps = OUTER[self.outer](problem, self.apply, guess)
-        while reached < len(GOALS) and problem.passes < MOST:
+        steps = OUTER[self.outer](problem, self.apply, guess, most=MOST)
+        while reached < len(GOALS) and problem.passes < MOST and spent < SECONDS:
             began = time.perf_counter()
             x = next(steps)
             spent += time.perf_counter() - began
@@ -282,39 +64,47 @@ def rms(d: Array) -> float:
 
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """A row for each size, outer and inner way."""
-    told: dict[str, Any] = machine() | {"rows": [], "frames": FRAMES[chosen.quick]}
-    take(chosen, told, pieces(chosen.quick, told), "solvers", len(SIZES[chosen.quick]))
+    falls = FALLS[chosen.quick]
+    told: dict[str, Any] = machine() | {"rows": [], "left_out": {}}
+    total = sum(len(fall.frames) * (1 + len(OUTER) * len(inner_ways(fall.points))) for fall in falls)
+    take(chosen, told, (None for fall in falls for _ in compared(fall, told)), "solvers", total)
     return told
 
 
-def pieces(quick: bool, told: dict[str, Any]) -> Iterator[None]:
-    for points in SIZES[quick]:
-        told["rows"] += compared(points, FRAMES[quick])
-        yield
+def inner_ways(points: int) -> list[str]:
+    return [name for name in INNER if points**3 <= LARGEST.get(name, np.inf)]
 
 
-def compared(points: int, frames: tuple[int, ...]) -> list[dict[str, Any]]:
-    problem, ways = Landing(points), []
-    for name, make in INNER.items():
-        if len(problem.body) <= LARGEST.get(name, np.inf):
-            began = time.perf_counter()
-            apply, numbers = make(problem)
-            took = time.perf_counter() - began
-            ways += [Way(outer, name, apply, took, numbers) for outer in OUTER]
+def compared(fall: Fall, told: dict[str, Any]) -> Iterator[None]:
+    """All ways, one after the other in every frame."""
+    problem, points = Landing(fall.points), fall.points
+    told["left_out"][f"{points}³"] = [name for name in INNER if name not in inner_ways(points)]
+    ways = [Way("newton", PLAIN, None, 0.0, 9 * points**3)]
+    for name in inner_ways(points):
+        began = time.perf_counter()
+        apply, numbers = INNER[name](problem)
+        took = time.perf_counter() - began
+        ways += [Way(outer, name, apply, took, numbers) for outer in OUTER]
     best = two_levels_added(problem)[0]
-    for frame in range(max(frames) + 1):
+    for frame in range(fall.frames[-1] + 1):
         guess, _, _ = turned(problem.x, problem.m, STEP * problem.v, 1.0)
-        problem.passes, last, moved, first = -(10**9), guess, 1.0, None  # the reference may take what it needs
-        for x in newton(problem, best, guess, forcing=1e-2):
-            last, moved = x, rms(x - last)
-            first = first or moved
-            if moved <= CONVERGED * first:
-                break
-        if frame in frames:
-            for way in ways:
-                way.solve(problem, guess, last)
-        problem.v, problem.x = (last - problem.x) / STEP, last
-    return [row(points, len(frames), way) for way in ways]
+        converged = reference(problem, best, guess)
+        for way in ways if frame in fall.frames else []:
+            way.solve(problem, guess, converged)
+            if frame == fall.frames[-1]:
+                told["rows"].append(row(points, len(fall.frames), way))
+            yield
+        problem.v, problem.x = (converged - problem.x) / STEP, converged
+
+
+def reference(problem: Landing, inner: Inner, guess: Array) -> Array:
+    last, first = guess, None
+    for x in newton(problem, inner, guess, forcing=1e-2):
+        last, moved = x, rms(x - last)
+        first = first or moved
+        if moved <= CONVERGED * first:
+            break
+    return last
 
 
 def row(points: int, frames: int, way: Way) -> dict[str, Any]:
@@ -344,9 +134,16 @@ def text(told: dict[str, Any]) -> str:
     said = [headline(told), table(heads, lines)]
     for points in dict.fromkeys(r["points"] for r in told["rows"]):
         here = [r for r in told["rows"] if r["points"] == points]
-        best = {outer: min((r["ms"]["1 %"], r["inner"]) for r in here if r["outer"] == outer) for outer in OUTER}
+        best = {
+            outer: min(((r["ms"]["1 %"], r["inner"]) for r in here if r["outer"] == outer), default=(np.inf, "none"))
+            for outer in OUTER
+        }
+        plain = next((r["ms"]["1 %"] for r in here if r["inner"] == PLAIN), np.inf)
         told_best = ", ".join(f"{outer} with {inner} {ms:.3g} ms" for outer, (ms, inner) in best.items())
-        said.append(f"{points}³, quickest to 1 %: {told_best}")
+        said.append(f"{points}³, quickest to 1 %: {told_best}; plain Newton with {PLAIN} {plain:.3g} ms")
+    for size, names in told["left_out"].items():
+        if names:
+            said.append(f"{size}, left out as too large: {', '.join(names)}")
     return "\n".join([*said, *(["interrupted"] if told["interrupted"] else [])])
 
 
@@ -354,14 +151,16 @@ def plot(told: dict[str, Any], path: Path) -> None:
     """Time to 1 % over the number of points, a line for each way."""
     figure = new_figure(7.0, 4.5)
     axes = figure.add_subplot()
-    for number, (outer, inner) in enumerate((o, i) for o in OUTER for i in INNER):
+    for number, (outer, inner) in enumerate(
+        (o, i) for o in OUTER for i in [*INNER, PLAIN] if i != PLAIN or o == "newton"
+    ):
         own = [r for r in told["rows"] if (r["outer"], r["inner"]) == (outer, inner)]
         axes.loglog(
             [r["points"] ** 3 for r in own],
             [r["ms"]["1 %"] for r in own],
             marker="o",
             linestyle="-" if outer == "newton" else "--",
-            color=f"C{number % len(INNER)}",
+            color="k" if inner == PLAIN else f"C{number % (len(INNER) + 1)}",
             label=f"{outer}, {inner}",
         )
     axes.set_xlabel("particles")
