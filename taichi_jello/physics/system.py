@@ -11,7 +11,7 @@ from taichi_jello.body import Body
 from taichi_jello.physics import forces as force_folder
 from taichi_jello.physics.bounds import Bound
 from taichi_jello.physics.changes import Changes
-from taichi_jello.physics.forces._base import ParticleForce
+from taichi_jello.physics.forces._base import ParticleForce, cut
 from taichi_jello.physics.forces.field import CallableField, GridField
 from taichi_jello.physics.forces.springs import Springs
 from taichi_jello.physics.gather import reach
@@ -184,7 +184,7 @@ class System:
     @ti.func
     def share_of(self, particle, points):
         """Where `points` of any kind are cut for a member of the team whose particles are cut at `particle`."""
-        return ti.cast(ti.cast(particle, ti.i64) * points // self.count, ti.i32)
+        return cut(self.count, particle, points)
 
     @ti.func
     def wait_for_team(self):

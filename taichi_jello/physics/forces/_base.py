@@ -36,6 +36,12 @@ class Rates:
 
 
 @ti.func
+def cut(whole, at, others):
+    """Where `others` are cut for the members of a team if the `whole` of something else is cut at `at`."""
+    return ti.cast(ti.cast(at, ti.i64) * others // whole, ti.i32)
+
+
+@ti.func
 def block(across, along, n):
     """The symmetric matrix across·(I - nnᵀ) + along·nnᵀ for a unit vector n: its xx, yy, zz, yz, xz and xy."""
     b = along - across

@@ -10,7 +10,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.contacts import AT_ONCE, LOAD, Contacts
-from taichi_jello.physics.forces._base import ParticleForce, Rates, block, even_block
+from taichi_jello.physics.forces._base import ParticleForce, Rates, block, cut, even_block
 from taichi_jello.physics.forces.contact import ContactLaw, pressure, rub
 from taichi_jello.physics.forces.skin_contact import SkinContact
 from taichi_jello.runtime import RuntimeProblem
@@ -82,15 +82,10 @@ class Touch(ContactLaw, ParticleForce):
     @ti.func
     def prepare(self, first, last, x, v, t):
         busy = self.near.state[2]
-        for k in range(self.share_of(first, busy), self.share_of(last, busy)):
+        for k in range(cut(self.points, first, busy), cut(self.points, last, busy)):
             q = self.near.busy[k]
             for contact in range(q * AT_ONCE, q * AT_ONCE + self.contacts.own[q]):
                 self.force[contact] = self.press(contact, x, v)
-
-    @ti.func
-    def share_of(self, point, busy):
-        """Where the points that are near something are cut between the team, if all points are cut at `point`."""
-        return ti.cast(ti.cast(point, ti.i64) * busy // self.points, ti.i32)
 
     @ti.func
     def press(self, contact, x, v):
