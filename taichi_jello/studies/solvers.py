@@ -16,19 +16,24 @@ from taichi_jello.studies._solvers import INNER, OUTER, STEP, Array, Inner, Land
 PLAIN = "blocks"  # of Newton's method alone, the measure for all others
 GOALS = (0.1, 0.01, 0.001)  # of the distance from the first guess to the converged step
 CONVERGED = 1e-5  # of the first Newton step
-MOST, SECONDS = 300, 20.0  # passes, and time, after which a way is left where it is
+SECONDS = 20.0  # after which a way is left where it is
 LARGEST = {"inverse": 4100, "sparse factors": 4100}  # particles; beyond, 8.6 GB and minutes at 32³
 
 
 @dataclass(frozen=True)
 class Fall:
-    """A cube of points³, and which frames are measured, of a fall that touches the ground in the second."""
+    """A cube of points³, which frames are measured, of a fall that touches the ground in the second, and the passes
+    after which a way is left where it is."""
 
     points: int
     frames: tuple[int, ...]
+    most: int
 
 
-FALLS = {False: (Fall(8, (2, 3)), Fall(16, (2, 3)), Fall(32, (2,))), True: (Fall(7, (2,)),)}  # by --quick
+FALLS = {
+    False: (Fall(8, (2, 3), 5000), Fall(16, (2, 3), 1500), Fall(32, (2,), 300)),
+    True: (Fall(7, (2,), 1000),),
+}  # by --quick
 
 
 @dataclass
@@ -43,11 +48,11 @@ class Way:
     passes: Array = field(default_factory=lambda: np.zeros(len(GOALS)))
     seconds: Array = field(default_factory=lambda: np.zeros(len(GOALS)))
 
-    def solve(self, problem: Landing, guess: Array, converged: Array) -> None:
+    def solve(self, problem: Landing, guess: Array, converged: Array, most: int) -> None:
         first, spent, reached = rms(guess - converged), 0.0, 0
         problem.passes = 0
-        steps = OUTER[self.outer](problem, self.apply, guess, most=MOST)
-        while reached < len(GOALS) and problem.passes < MOST and spent < SECONDS:
+        steps = OUTER[self.outer](problem, self.apply, guess, most=most)
+        while reached < len(GOALS) and problem.passes < most and spent < SECONDS:
             began = time.perf_counter()
             x = next(steps)
             spent += time.perf_counter() - began
@@ -90,7 +95,7 @@ def compared(fall: Fall, told: dict[str, Any]) -> Iterator[None]:
         guess, _, _ = turned(problem.x, problem.m, STEP * problem.v, 1.0)
         converged = reference(problem, best, guess)
         for way in ways if frame in fall.frames else []:
-            way.solve(problem, guess, converged)
+            way.solve(problem, guess, converged, fall.most)
             if frame == fall.frames[-1]:
                 told["rows"].append(row(points, len(fall.frames), way))
             yield

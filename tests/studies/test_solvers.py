@@ -13,7 +13,7 @@ from taichi_jello.studies import _solvers, solvers
 def told():
     chosen = argparse.Namespace(quick=True, quiet=True, json=None)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(solvers, "FALLS", {True: (solvers.Fall(4, (2,)),)})
+        patch.setattr(solvers, "FALLS", {True: (solvers.Fall(4, (2,), 1000),)})
         return solvers.measure(chosen)
 
 
