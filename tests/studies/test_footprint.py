@@ -3,6 +3,7 @@
 import argparse
 import json
 
+import numpy as np
 import pytest
 
 from taichi_jello.studies import footprint
@@ -19,7 +20,27 @@ def test_an_unused_feature_adds_no_byte_and_no_code(feature, monkeypatch):
 
 def test_what_a_feature_adds_is_told_from_turns_on_the_same_machine():
     """One that slows down twofold, and stops once, says nothing of either scene."""
-    assert footprint.added([1.01, 2.02, 2.02], [1.0, 2.0, 9.0]) == pytest.approx(0.01)
+    assert footprint.added([1.01, 2.02, 2.02], [1.0, 2.0, 9.0])[0] == pytest.approx(0.01)
+
+
+def test_how_well_it_is_known_holds_for_the_median_of_any_spread():
+    """Of timings that are stopped now and then, for long: at 95 %, within what chance gives in 1000 tries."""
+    chance = np.random.default_rng(1)
+    told = []
+    for _ in range(1000):
+        stopped = chance.pareto(1.5, (2, footprint.REPEATS))
+        told.append(footprint.added(list(1.01 * (1.0 + stopped[0])), list(1.0 + stopped[1])))
+    median, within = np.transpose(told)
+    held = np.mean(abs(median - 0.01) <= within)
+    assert 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / 1000) <= held
+
+
+def test_it_is_timed_on_until_it_is_known_well_enough(monkeypatch):
+    noisy, quiet = [[1.0, 1.0, 1.0], [1.2, 1.0, 0.8], [1.0, 1.0, 1.0]], [[1.0] * 300] * 3
+    rounds = [quiet, noisy]
+    monkeypatch.setattr(footprint, "in_turns", lambda *_: rounds.pop())
+    row = footprint.feature_row(footprint.FEATURES[0], argparse.Namespace(**{**vars(CHOSEN), "quick": False}))
+    assert not rounds and row["turns"] == 303 and row["unused_costs_within"] == 0.0
 
 
 def test_on_the_command_line_a_fresh_process_compiles_each_scene(jello, tmp_path):
