@@ -290,8 +290,11 @@ class System:
             force.prepare(0, force.points, self.state.x, self.state.v, t)
 
     @ti.kernel
-    def _look(self):
-        self.look(0, self.count, self.state.x, self.state.v, 0.0)
+    def _look(self, r: ti.template()):
+        """One round of `look` without a team, whose other members would be waited for."""
+        for force in ti.static(self.looking):
+            if ti.static(r < force.rounds):
+                force.look(r, self, 0, self.count, self.state.x, self.state.v, 0.0)
 
     @ti.kernel
     def _energy_shares(self, t: float, out: ti.types.ndarray()):
@@ -306,8 +309,8 @@ class System:
         """Kinetic, elastic, gravity and contact energy [J] `t` seconds after the current frame began, summed over the
         particles in float64."""
         shares = np.zeros((self.count, len(ENERGIES)), self.memory.number)
-        if self.looking:
-            self._look()
+        for r in range(self.rounds):
+            self._look(r)
         if self.prepared:
             self._prepare(t)
         self._energy_shares(t, shares)

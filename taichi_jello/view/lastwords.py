@@ -43,7 +43,8 @@ class LastWords:
         words = [f"the screen at DISPLAY={os.environ.get('DISPLAY', '')} is gone"]
         try:
             if not self._gone():
-                words = ["the window is lost", self._written().decode(errors="replace").partition("\n")[0]]
+                driver = self._written().decode(errors="replace").partition("\n")[0]
+                words = [f"the window is lost ({driver})"]
             words.append(keep())
         except Exception as error:
             words.append(str(error))
