@@ -8,6 +8,7 @@ __version__ = "0.1.0"
 from taichi_jello import interrupt
 
 with interrupt.put_off():  # Taichi's decorators lose it
+    from taichi_jello.clock import StepWarning
     from taichi_jello.keyframes import GravityKeyframe, Keyframe, Move
     from taichi_jello.physics.colliders.block import Block
     from taichi_jello.physics.colliders.plane import Plane
@@ -16,6 +17,7 @@ with interrupt.put_off():  # Taichi's decorators lose it
     from taichi_jello.physics.forces.field import CallableField, GridField, UniformField
     from taichi_jello.physics.forces.grab import Grab
     from taichi_jello.region import Region
+    from taichi_jello.runtime import RuntimeProblem
     from taichi_jello.scene import Camera, Contact, Pin, Scene, SceneError, Solver
     from taichi_jello.shapes.ball import Ball
     from taichi_jello.shapes.lattice import Box
@@ -45,6 +47,7 @@ __all__ = [
     "Ring",
     "Room",
     "Rope",
+    "RuntimeProblem",
     "Scene",
     "SceneError",
     "Sheet",
@@ -52,5 +55,6 @@ __all__ = [
     "Snapshot",
     "Solver",
     "Sphere",
+    "StepWarning",
     "UniformField",
 ]

@@ -1,5 +1,8 @@
 """Scenes written to TOML and read back, and the line that a mistake is in."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -24,6 +27,7 @@ from taichi_jello import (
     UniformField,
     sceneio,
 )
+from taichi_jello.keyframes import offset
 from taichi_jello.sceneio._lines import key_lines, line_of
 from taichi_jello.sceneio.toml import dump
 
@@ -64,6 +68,16 @@ EVERYTHING = Scene(
         Grab(limit=3.0),
     ],
 )
+
+
+def test_the_readmes_example_begins_with_everything_in_its_place(tmp_path):
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    (tmp_path / "scene.toml").write_text(re.search(r"```toml\n(.*?)```", readme, re.S)[1], encoding="utf-8")
+    scene = sceneio.load(str(tmp_path / "scene.toml"))
+    moved = [part.keyframe for part in (*scene.collider, *scene.jello[0].pin) if part.keyframe]
+    assert len(moved) == 2
+    for keyframes in moved:
+        assert not np.any(offset(keyframes, 0.0)) and np.any(offset(keyframes, 2.0))
 
 
 def test_what_is_written_is_read_back_the_same(tmp_path):
