@@ -1,12 +1,14 @@
 """Values that a person gave, checked when a description is made: every mistake names its key and what was expected."""
 
 from collections.abc import Sequence
-from math import isfinite
+from contextlib import suppress
 from typing import Any, ClassVar
 
 import numpy as np
 
 FAMILIES = ("structural", "shear", "bend")
+LARGEST, SMALLEST = 1e12, 1e-12  # in SI units: float32 has room for what is made of numbers between these
+FASTEST = 1e7  # m/s, along an axis; what is faster is on its way to infinity
 Vector = tuple[float, float, float]
 
 
@@ -22,8 +24,8 @@ class SceneError(ValueError):
         return SceneError(f"{prefix}.{self.key}" if self.key else prefix, self.problem)
 
 
-def number(key: str, value: Any, *, low: float = -np.inf, above: float = -np.inf) -> float:
-    """`value` as a finite float, at least `low` and more than `above`."""
+def number(key: str, value: Any, *, low: float = -np.inf, above: float = -np.inf, most: float = LARGEST) -> float:
+    """`value` as a finite float, at least `low` and more than `above`, of a magnitude that float32 can work with."""
     wanted = "a finite number"
     if above > -np.inf:
         wanted += f" greater than {above:g}"
@@ -31,8 +33,15 @@ def number(key: str, value: Any, *, low: float = -np.inf, above: float = -np.inf
         wanted += f" of at least {low:g}"
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
         raise SceneError(key, f"expected {wanted}, got {value!r}")
-    if not isfinite(value) or value < low or value <= above:
-        raise SceneError(key, f"expected {wanted}, got {value:g}")
+    with suppress(OverflowError):  # of a whole number
+        value = float(value)
+    told = f"{value:g}" if isinstance(value, float) else f"one of {len(str(abs(value)))} digits"
+    if value != value or abs(value) == np.inf or value < low or value <= above:
+        raise SceneError(key, f"expected {wanted}, got {told}")
+    if abs(value) > most:
+        raise SceneError(key, f"expected {wanted}, at most {most:g}{' either way' * (low < 0.0 > above)}, got {told}")
+    if above == 0.0 and value < SMALLEST:
+        raise SceneError(key, f"expected {wanted}, at least {SMALLEST:g}, got {told}")
     return float(value)
 
 
@@ -49,8 +58,8 @@ def vector(key: str, value: Any, **limits: float) -> Vector:
     return (x, y, z)
 
 
-def vectors(key: str, value: Any) -> tuple[Vector, ...]:
-    """(N, 3) finite numbers, as tuples."""
+def vectors(key: str, value: Any, *, most: float = LARGEST) -> tuple[Vector, ...]:
+    """(N, 3) finite numbers of a magnitude up to `most`, as tuples."""
     try:
         array = np.array(value, float)
     except (ValueError, TypeError):
@@ -59,6 +68,8 @@ def vectors(key: str, value: Any) -> tuple[Vector, ...]:
         raise SceneError(key, f"expected a list of [x, y, z], got an array of shape {array.shape}")
     if not np.isfinite(array).all():
         raise SceneError(key, "expected finite numbers")
+    if array.size and np.abs(array).max() > most:
+        raise SceneError(key, f"expected numbers of at most {most:g} either way, got {np.abs(array).max():g}")
     return tuple((x, y, z) for x, y, z in array.tolist())
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from taichi_jello.body import Body
-from taichi_jello.checked import FAMILIES, Checked, SceneError, Vector, by_family, number, vector
+from taichi_jello.checked import FAMILIES, LARGEST, Checked, SceneError, Vector, by_family, number, vector
 
 
 def places(rest: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -31,6 +31,8 @@ def painted(key: str, value: Any) -> Any:
         raise SceneError(key, f"expected x by y by z numbers, got an array of shape {grid.shape}")
     if not np.isfinite(grid).all() or grid.min() < 0.0:
         raise SceneError(key, "expected finite numbers of at least 0")
+    if grid.max() > LARGEST:
+        raise SceneError(key, f"expected numbers of at most {LARGEST:g}, got {grid.max():g}")
     return tuple(tuple(tuple(row) for row in plane) for plane in grid.tolist())
 
 

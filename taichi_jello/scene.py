@@ -13,7 +13,20 @@ from typing import Any, ClassVar
 import numpy as np
 
 from taichi_jello.body import Body
-from taichi_jello.checked import FAMILIES, Checked, SceneError, Vector, by_family, number, truth, vector, vectors, word
+from taichi_jello.checked import (
+    FAMILIES,
+    FASTEST,
+    LARGEST,
+    Checked,
+    SceneError,
+    Vector,
+    by_family,
+    number,
+    truth,
+    vector,
+    vectors,
+    word,
+)
 from taichi_jello.checked import whole as whole
 from taichi_jello.keyframes import GravityKeyframe, Keyframe, Move, offset
 from taichi_jello.region import Region
@@ -199,8 +212,8 @@ class Jello(Checked):
             "damping": by_family("damping", self.damping),
             "self_contact": truth("self_contact", self.self_contact),
         }
-        for name in ("position", "rotation", "velocity", "spin"):
-            checked[name] = vector(name, getattr(self, name))
+        for name, most in (("position", LARGEST), ("rotation", LARGEST), ("velocity", FASTEST), ("spin", LARGEST)):
+            checked[name] = vector(name, getattr(self, name), most=most)
         for name in ("creep", "yield_strain", "tear_strain"):
             checked[name] = number(name, getattr(self, name), low=0.0)
         if self.damping_ratio is not None:
@@ -208,9 +221,9 @@ class Jello(Checked):
         for name in ("young", "density"):
             if getattr(self, name) is not None:
                 checked[name] = number(name, getattr(self, name), above=0.0)
-        for name in ("x", "v"):
+        for name, most in (("x", LARGEST), ("v", FASTEST)):
             if getattr(self, name) is not None:
-                checked[name] = vectors(name, getattr(self, name))
+                checked[name] = vectors(name, getattr(self, name), most=most)
         return checked
 
     def body(self) -> Body:

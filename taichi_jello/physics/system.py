@@ -8,6 +8,7 @@ import taichi as ti
 
 from taichi_jello import runtime
 from taichi_jello.body import Body
+from taichi_jello.checked import FASTEST
 from taichi_jello.physics import forces as force_folder
 from taichi_jello.physics.bounds import Bound
 from taichi_jello.physics.changes import Changes
@@ -25,7 +26,6 @@ from taichi_jello.plugins import classes
 from taichi_jello.scene import Scene
 
 FAR = 256.0  # m; there f32 has steps of 0.03 mm
-FASTEST = 1e7  # m/s, along an axis; what is faster is on its way to infinity
 ENERGIES = ("kinetic", "elastic", "gravity", "contact")
 
 

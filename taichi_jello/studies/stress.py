@@ -12,7 +12,7 @@ import numpy as np
 from taichi_jello import runtime
 from taichi_jello.clock import StepWarning
 from taichi_jello.physics.choice import AUTO
-from taichi_jello.physics.integrators import schemes
+from taichi_jello.physics.integrators import scheme, schemes
 from taichi_jello.scene import SceneError
 from taichi_jello.simulation import Diverged
 from taichi_jello.studies._extremes import CASES, Extreme
@@ -26,8 +26,11 @@ SWAPPED = 0.5  # by which the others may: they swap energy with their own error,
 
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """A row for each case and method; with --quick the methods `auto` chooses from, and no case of very many steps;
-    what that leaves out is told. --method a,b: these alone."""
+    what that leaves out is told. --method a,b: these alone. Raises SceneError for an unknown method."""
     methods = chosen.method.split(",") if chosen.method else list(QUICK) if chosen.quick else [AUTO, *sorted(schemes())]
+    for method in methods:
+        if method != AUTO:
+            scheme(method)
     skipped = [case.name for case in CASES if case.steps and chosen.quick]
     told: dict[str, Any] = machine() | {"precision": chosen.precision, "rows": [], "skipped": skipped}
     if chosen.quick and not chosen.method:

@@ -1,10 +1,12 @@
 """The study of stiff and extreme cases: what it says of a case that is well, of one that is not, and of a refusal."""
 
+import argparse
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from taichi_jello import SceneError
 from taichi_jello.studies import stress
 from taichi_jello.studies._extremes import CASES, shape_error
 
@@ -25,6 +27,12 @@ def test_a_case_passes_fails_or_is_refused():
     assert stress.stand(late, "rk4")["verdict"] == "not what it should be"
     refused = stress.stand(BY_NAME["k = 1e-6 N/m"], "euler")
     assert refused["passes"] and refused["verdict"].startswith("refuses: euler has no stable step")
+
+
+def test_a_method_that_there_is_not_is_a_mistake():
+    for methods in ("rk9", "rk4,,"):
+        with pytest.raises(SceneError, match=r"solver\.method: expected one of"):
+            stress.measure(argparse.Namespace(method=methods))
 
 
 def test_a_long_run_keeps_momentum_and_energy():

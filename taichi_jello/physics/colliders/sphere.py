@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 import taichi as ti
 
+from taichi_jello.checked import FASTEST
 from taichi_jello.scene import Collider, Vector, number, vector
 
 
@@ -51,7 +52,8 @@ class Sphere(Collider):
     period: float = 1.0
 
     def check(self) -> dict[str, Any]:
-        return {name: vector(name, getattr(self, name)) for name in ("center", "velocity", "swing")} | {
+        return {name: vector(name, getattr(self, name)) for name in ("center", "swing")} | {
+            "velocity": vector("velocity", self.velocity, most=FASTEST),
             "radius": number("radius", self.radius, above=0.0),
             "period": number("period", self.period, above=0.0),
         }

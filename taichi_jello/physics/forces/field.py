@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 import taichi as ti
 
+from taichi_jello.checked import LARGEST
 from taichi_jello.physics.forces._base import ParticleForce, Rates
 from taichi_jello.scene import Force, SceneError, Vector, vector
 
@@ -43,6 +44,8 @@ class GridField(Force):
             )
         if not np.isfinite(values).all():
             raise SceneError("values", "expected finite numbers")
+        if np.abs(values).max() > LARGEST:
+            raise SceneError("values", f"expected numbers of at most {LARGEST:g} either way")
         low, high = vector("min", self.min), vector("max", self.max)
         if any(a >= b for a, b in zip(low, high, strict=True)):
             raise SceneError("max", f"expected more than min {list(low)} on every axis, got {list(high)}")

@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 import taichi as ti
 
+from taichi_jello.checked import FASTEST
 from taichi_jello.physics.forces._base import ParticleForce, Rates, even_block
 from taichi_jello.scene import Force, Scene, Vector, number, vector
 
@@ -22,7 +23,7 @@ class Wind(Force):
     rate: float = RATE
 
     def check(self):
-        return {"velocity": vector("velocity", self.velocity), "rate": number("rate", self.rate, low=0.0)}
+        return {"velocity": vector("velocity", self.velocity, most=FASTEST), "rate": number("rate", self.rate, low=0.0)}
 
 
 def with_wind(scene: Scene) -> Scene:
