@@ -5,6 +5,7 @@ import ctypes
 import io
 import os
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -146,6 +147,18 @@ def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None)
         )
     _current = Runtime(chosen, precision, threads, 1 if _current is None else _current.serial + 1)
     return _current
+
+
+@contextlib.contextmanager
+def compiling_in_half_the_time() -> Iterator[None]:
+    """What is compiled within is without Taichi's own optimisation before LLVM's, which for every value that it finds
+    twice looks through the whole kernel: for large kernels most of the time that compiling takes."""
+    config = ti.lang.impl.get_runtime().prog.config()
+    config.advanced_optimization = False
+    try:
+        yield
+    finally:
+        config.advanced_optimization = True
 
 
 def current() -> Runtime:

@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_jello import runtime
+
 
 @ti.data_oriented
 class Stepper:
@@ -23,7 +25,10 @@ class Stepper:
     def go(self, origin: int, first: int, last: int, dt: float) -> int:
         """Substeps `first` to `last`, dt [s] each, of those that began with `origin`. Returns the first that is not
         done."""
-        if self.team:
+        if self.team and self.integrator.solves:
+            with runtime.compiling_in_half_the_time():
+                self._team_steps(origin, first, last, dt)
+        elif self.team:
             self._team_steps(origin, first, last, dt)
         else:
             self._parallel_steps(origin, first, last, dt)
