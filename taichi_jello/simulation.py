@@ -92,6 +92,7 @@ class Simulation:
         self._systems = {self.method: self.system}  # Taichi gives back no compiled code: each is made only once
         self.clock = Clock(self.frame_dt, self._choose_substeps(*self.asked_step))
         self._begun = False
+        self._ran: set[str] = set()  # methods
         self._books: Books | None = None
         self.start = self.snapshot()
         self._open_books()
@@ -113,6 +114,11 @@ class Simulation:
     def safe_dt(self) -> float:
         """The largest step [s] that keeps this scene bounded with this method; infinite if nothing swings."""
         return self.system.bound.dt
+
+    @property
+    def compiled(self) -> bool:
+        """Whether this method has made a step before: the first one is compiled, which takes its time."""
+        return self.method in self._ran
 
     @property
     def time(self) -> float:
@@ -203,6 +209,7 @@ class Simulation:
             part = min(count, self.clock.left)
             self._begin_frame()
             self.system.steps(self.clock.done, self.clock.done + part, self.dt)
+            self._ran.add(self.method)
             works = self.system.ledger.take() if self.system.ledger else {}
             bad = self.system.keep_if_finite()
             if bad is not None:

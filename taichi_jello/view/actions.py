@@ -155,7 +155,7 @@ def next_method(viewer: "Viewer") -> None:
             return
         viewer.notice = "no other method has a safe step for this scene"
 
-    viewer.wait_for("compiling the next method ...", change)
+    viewer.wait_for(f"compiling {names[(now + 1) % len(names)]} ...", change)
 
 
 def next_demo(viewer: "Viewer") -> None:

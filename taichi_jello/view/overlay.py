@@ -31,8 +31,8 @@ def overlay(viewer: Viewer) -> Sheet:
 
 
 def state(viewer: Viewer) -> str:
-    """How fast it goes, and what is unusual."""
-    words = f"{viewer.rate:.0f} fps" + ("   filming" if viewer.filming else "")
+    """The method, how fast it goes, and what is unusual."""
+    words = f"{viewer.simulation.method}   {viewer.rate:.0f} fps" + ("   filming" if viewer.filming else "")
     if viewer.repeating:
         words += f"   replay {viewer.simulation.frames} / {viewer.simulation.length}"
     if viewer.paused:

@@ -44,19 +44,20 @@ def play(
     """
     viewer = Viewer(simulation, color, folder, make)
     screen = Screen(size, simulation.scene.title or "jello", viewer.keep)
-    before = time.perf_counter()
+    screen.tell(viewer, "compiling ...")  # what draws
+    before: float | None = None  # what took its time between two frames counts as none
     asked = leave_when_asked(viewer)
     try:
         while screen.running and not viewer.leaving and (seconds is None or viewer.simulation.time < seconds):
             interrupt.look()
             screen.listen(viewer)
             now = time.perf_counter()
-            viewer.advance(now - before)
+            viewer.advance(0.0 if before is None else now - before)
             before = now
             viewer.update()
             screen.show(viewer)
             if viewer.catch_up():
-                before = time.perf_counter()
+                before = None
     finally:
         for number, handler in asked.items():
             signal.signal(number, handler)

@@ -9,6 +9,7 @@ import taichi as ti
 from taichi.ui.utils import get_field_info
 
 from taichi_jello import runtime
+from taichi_jello.view import palette
 from taichi_jello.view.ggui import ROW, Ggui, require, screen_is_gone
 from taichi_jello.view.lastwords import LastWords
 from taichi_jello.view.legend import Sheet, legend
@@ -100,6 +101,16 @@ class Screen:
             viewer.take(image)
         self._write(overlay(viewer))
         self._panel.show(self._window.get_gui(), viewer)
+        with self._last_words.hushed():
+            self._renderer.show()
+
+    def tell(self, viewer: Viewer, words: str) -> None:
+        """These words alone, before anything is drawn."""
+        sheet = Sheet(viewer.size)
+        sheet.quad(0.0, 0.0, *viewer.size, palette.SKY_LOW)
+        sheet.text(viewer.simulation.scene.title or "jello", 28.0 * sheet.scale, 40.0 * sheet.scale, 12.5 * sheet.scale)
+        sheet.text(words, 28.0 * sheet.scale, 62.0 * sheet.scale, 10.0 * sheet.scale)
+        self._write(sheet)
         with self._last_words.hushed():
             self._renderer.show()
 

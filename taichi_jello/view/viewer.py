@@ -52,6 +52,7 @@ class Viewer:
         self._notice, self._told = "", 0.0
         self._button, self._at = "", (0.0, 0.0)
         self._waiting: Callable[[], None] | None = None
+        self._keys: list[str] = []  # pressed meanwhile
         self.play(simulation)
         self.color = color
 
@@ -105,13 +106,18 @@ class Viewer:
         self.show = (self.show + 1) % len(SHOWS)
 
     def handle_key(self, key: str) -> bool:
-        """Do what a key press means; False if it means nothing. Keys by GGUI's names: " ", "r", "Right",
-        "Escape"."""
-        action = KEYS.get(key.lower())
-        if action is None:
+        """Do what a key press means, after what waits; False if it means nothing. Keys by GGUI's names: " ", "r",
+        "Right", "Escape"."""
+        if key.lower() not in KEYS:
             return False
-        action(self)
+        self._keys.append(key.lower())
+        self._press_keys()
         return True
+
+    def _press_keys(self) -> None:
+        """Each in its turn: what a key asked for may have to wait until that is told."""
+        while self._keys and self._waiting is None:
+            KEYS[self._keys.pop(0)](self)
 
     def press(self, button: str, at: Place) -> None:
         """A mouse button (left, right, middle) goes down: the left one grabs the jello there, else the view moves."""
@@ -183,30 +189,60 @@ class Viewer:
         self.viewpoint.eye[1] = max(self.viewpoint.eye[1], lowest)
 
     def advance(self, seconds: float) -> int:
-        """Let the `seconds` since the last drawn frame pass: whole physics frames follow. Returns how many."""
-        self._drawn += (seconds - self._drawn) * (0.1 if self._drawn else 1.0)
-        if self.paused or seconds <= 0.0:
+        """Let the `seconds` since the last drawn frame pass: whole physics frames follow. Returns how many.
+
+        0 seconds where there was none, or none that counts."""
+        if seconds > 0.0:
+            self._drawn += (seconds - self._drawn) * (0.1 if self._drawn else 1.0)
+        if self.paused or seconds <= 0.0 or self._waiting is not None:
             self.pace.rest()
             return 0
         self._told += seconds
         if self._told > TOLD:
             self.notice = ""
-        try:
+        if not self._compiled:
+            self._compile()
+            return 0
+        frames = 0
+        with self._stopping():
             if self.filming:
-                return self.pace.exactly(self.simulation, 1.0 / FILM_RATE)
-            return self.pace.advance(self.simulation, seconds)
+                frames = self.pace.exactly(self.simulation, 1.0 / FILM_RATE)
+            else:
+                frames = self.pace.advance(self.simulation, seconds)
+        return frames
+
+    def step(self) -> None:
+        """One physics frame."""
+        if not self._compiled:
+            self._compile()
+            return
+        with self._stopping():
+            self.pace.frame(self.simulation)
+
+    @property
+    def _compiled(self) -> bool:
+        return bool(getattr(self.simulation, "compiled", True))
+
+    def _compile(self) -> None:
+        """A method's first frame takes its time: tell so, and make it once that is on the screen."""
+        told = self.notice
+
+        def first_frame() -> None:
+            self.notice = told
+            with self._stopping():
+                self.simulation.frame()
+
+        self.wait_for(f"compiling {self.simulation.method} ...", first_frame)
+
+    @contextlib.contextmanager
+    def _stopping(self) -> Iterator[None]:
+        """Pause where the numbers go bad, or a replay ends."""
+        try:
+            yield
         except Diverged as bad:
             self._stop(bad)
         except ReplayOver:
             self._pause_at_the_end()
-        return 0
-
-    def step(self) -> None:
-        """One physics frame."""
-        try:
-            self.pace.frame(self.simulation)
-        except Diverged as bad:
-            self._stop(bad)
 
     def _pause_at_the_end(self) -> None:
         self.paused = True
@@ -239,10 +275,11 @@ class Viewer:
         self.notice, self._waiting = words, work
 
     def catch_up(self) -> bool:
-        """Do the work that waits; False if there is none."""
+        """Do the work that waits, then what keys asked for meanwhile; False if there is none."""
         work, self._waiting = self._waiting, None
         if work is not None:
             work()
+            self._press_keys()
         return work is not None
 
     def update(self) -> None:

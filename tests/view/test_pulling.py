@@ -12,7 +12,10 @@ from taichi_jello.view.viewer import Viewer
 
 
 def opened(scene, size=(1280, 720)):
-    viewer = Viewer(Simulation(playable(scene)))
+    simulation = Simulation(playable(scene))
+    simulation.frame()  # compiled once; the window says so meanwhile
+    simulation.reset()
+    viewer = Viewer(simulation)
     viewer.size = size
     return viewer
 
@@ -121,6 +124,9 @@ class Watched:
 
     def show(self, viewer):
         self.seen.append(viewer.viewpoint.project(viewer.simulation.held.point[None], viewer.size)[0])
+
+    def tell(self, viewer, words):
+        pass
 
     def close(self):
         pass

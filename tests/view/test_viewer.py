@@ -141,6 +141,47 @@ def test_m_goes_to_the_next_method_once_that_was_told(viewer):
         assert viewer.simulation.method == names[(names.index("rk4") + 1 + k) % len(names)]
 
 
+def test_a_first_frame_is_told_before_it_is_compiled(viewer, monkeypatch):
+    """One picture with the words, then the frame; the notice from before is back."""
+    ran = set()
+    monkeypatch.setattr(Still, "compiled", property(lambda still: still.method in ran), raising=False)
+    frame = Still.frame
+    monkeypatch.setattr(Still, "frame", lambda still: (ran.add(still.method), frame(still)))
+    step = viewer.simulation.frame_dt
+    assert viewer.advance(step) == 0 and viewer.simulation.time == 0.0
+    assert viewer.notice == "compiling rk4 ..." and viewer.advance(step) == 0
+    assert viewer.catch_up() and viewer.simulation.time == pytest.approx(step) and viewer.notice == ""
+    assert viewer.advance(step) == 1
+    viewer.handle_key("m")
+    viewer.catch_up()
+    method = viewer.simulation.method
+    assert method != "rk4" and viewer.notice == f"method: {method}"
+    assert viewer.advance(step) == 0 and viewer.notice == f"compiling {method} ..."
+    viewer.catch_up()
+    assert viewer.notice == f"method: {method}"
+    viewer.update()
+    assert any(text.words.startswith(f"{method} ") for text in overlay(viewer).texts)
+
+
+def test_keys_pressed_while_something_waits_follow_in_their_order(viewer):
+    names, calls = list(schemes()), viewer.simulation.calls
+    for key in ("m", "j", "c", "m", " "):
+        assert viewer.handle_key(key)
+    assert not calls and viewer.color == "force" and not viewer.paused
+    assert viewer.catch_up() and len(calls) == 1 and viewer.color == "strain" and not viewer.paused
+    assert viewer.catch_up() and viewer.paused and not viewer.catch_up()
+    assert viewer.simulation.method == names[(names.index("rk4") + 2) % len(names)]
+
+
+def test_time_that_counts_for_no_frame_is_not_in_the_frame_rate(viewer):
+    for _ in range(3):
+        viewer.advance(0.0)
+    assert viewer.rate == 0.0
+    viewer.advance(1.0 / 40.0)
+    viewer.advance(0.0)
+    assert viewer.rate == pytest.approx(40.0)
+
+
 def test_a_method_without_a_safe_step_is_passed_over(viewer, monkeypatch):
     names = list(schemes())
     refused = names[(names.index("rk4") + 1) % len(names)]
