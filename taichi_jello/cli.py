@@ -14,6 +14,7 @@ from typing import Any
 
 import taichi_jello.sceneio as sceneio
 from taichi_jello import energy_plot, interrupt, runtime
+from taichi_jello.clock import steps_in
 from taichi_jello.options import options, studies
 from taichi_jello.progress import bar
 from taichi_jello.replay import Recorded, Replay, Replayed, ReplayError, playable
@@ -54,6 +55,8 @@ def make_simulation(chosen: argparse.Namespace, scene: Scene) -> Simulation:
     try:
         simulation = step_as_asked(chosen, scene)
     except SceneError as error:
+        if error.key in ("dt", "substeps"):  # which a scene has not at its top
+            raise Mistake(f"--{error}") from None
         raise Mistake(str(sceneio.located(chosen.scene, error))) from None
     if chosen.from_state:
         try:
@@ -123,7 +126,7 @@ def do_run(chosen: argparse.Namespace) -> None:
     trajectory = Trajectory(simulation)
     seconds = seconds if chosen.seconds is None else chosen.seconds
     per_save = max(1, round((chosen.every or simulation.frame_dt) / stepped.dt))
-    total = round(seconds / stepped.dt)
+    total = steps_in(seconds, stepped.dt)
     trajectory.add()
     try:
         for done in bar(range(0, total, per_save), scene.title, quiet=chosen.quiet):

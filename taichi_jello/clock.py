@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from math import ceil
 
 from taichi_jello.physics.system import System
-from taichi_jello.scene import SceneError
+from taichi_jello.scene import SceneError, Solver, whole
 
 MOST_SUBSTEPS = 1_000_000  # of a frame that an automatic step may come to
+MOST_ASKED = 1_000_000_000  # of a frame, or in one go, that a person may ask for: about an hour of a small body
 
 
 class StepWarning(UserWarning):
@@ -93,6 +94,30 @@ def safe_substeps(system: System, method: str, frame_dt: float) -> int:
             "give dt in seconds, or an implicit method such as backward-euler",
         )
     return asked_substeps(frame_dt, min(dt, frame_dt))
+
+
+def asked_step(solver: Solver, dt: float | str | None, substeps: int | None) -> tuple[float | str, int | None]:
+    """What a person asks for in place of the solver's own step, dt [s] or "auto" or substeps of a frame. Raises
+    SceneError for both and for what cannot be."""
+    if substeps is not None:
+        if dt is not None:
+            raise SceneError("substeps", f"expected either dt or substeps, got both: {dt} and {substeps}")
+        if whole("substeps", substeps, low=1) > MOST_ASKED:
+            raise SceneError("substeps", f"expected at most {MOST_ASKED:,} in a frame, got {substeps:.3g}")
+        return solver.dt, int(substeps)
+    key, asked = ("solver.dt", solver.dt) if dt is None else ("dt", Solver(dt=dt).dt)
+    if not isinstance(asked, str) and solver.frame_dt > MOST_ASKED * asked:
+        least = solver.frame_dt / MOST_ASKED
+        raise SceneError(key, f"expected at least {least:.3g} s, {MOST_ASKED:,} steps for a frame, got {asked:g}")
+    return asked, None
+
+
+def steps_in(seconds: float, dt: float) -> int:
+    """The whole number of steps of dt [s] nearest to `seconds`. Raises SceneError for more than anybody waits for."""
+    if not seconds <= MOST_ASKED * dt:
+        most = f"at most {MOST_ASKED * dt:.3g} s, {MOST_ASKED:,} steps of {dt:.3g} s"
+        raise SceneError("seconds", f"expected {most}, got {seconds:g}")
+    return round(seconds / dt)
 
 
 def asked_substeps(frame_dt: float, dt: float) -> int:

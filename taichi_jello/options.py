@@ -6,6 +6,7 @@ import tomllib
 from typing import Any, NoReturn
 
 from taichi_jello import __version__, runtime
+from taichi_jello.checked import LARGEST, SMALLEST
 from taichi_jello.plugins import modules
 from taichi_jello.scene import COLORS
 
@@ -21,8 +22,8 @@ def positive(text: str) -> float:
         value = float(text)
     except ValueError:
         value = 0.0
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected a number greater than 0, got {text!r}")
+    if not SMALLEST <= value <= LARGEST:
+        raise argparse.ArgumentTypeError(f"expected a number greater than 0, {SMALLEST:g} to {LARGEST:g}, got {text!r}")
     return value
 
 
@@ -31,13 +32,13 @@ def not_negative(text: str) -> float:
         value = float(text)
     except ValueError:
         value = -1.0
-    if not 0.0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected a number of at least 0, got {text!r}")
+    if not 0.0 <= value <= LARGEST:
+        raise argparse.ArgumentTypeError(f"expected a number of at least 0, at most {LARGEST:g}, got {text!r}")
     return value
 
 
 def count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
+    if not (text.isascii() and text.isdigit()) or int(text) < 1:
         raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, got {text!r}")
     return int(text)
 
@@ -80,7 +81,7 @@ def options() -> Parser:
     scene = Parser(add_help=False)
     scene.add_argument("--method", metavar="NAME", help="integrator, instead of the scene's")
     scene.add_argument("--dt", type=step_size, metavar="auto|S", help="step in seconds, or the largest safe one")
-    scene.add_argument("--substeps", type=count, metavar="N", help="steps in a drawn frame, instead of --dt")
+    scene.add_argument("--substeps", type=count, metavar="N", help="steps in a drawn frame, in place of --dt")
     scene.add_argument("--arch", choices=runtime.ARCHES, default="cpu")
     scene.add_argument("--precision", choices=runtime.PRECISIONS, default="f32")
     scene.add_argument("--threads", type=count, metavar="N", help="CPU threads, by default all")

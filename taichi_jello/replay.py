@@ -184,7 +184,7 @@ class Moment:
         if simulation.method != self.method:
             simulation.change_method(self.method)
         dt, substeps = self.asked
-        simulation.change_step(dt=dt, substeps=substeps)
+        simulation.change_step(dt=dt if substeps is None else None, substeps=substeps)
         simulation.tune(**self.tuning)
         simulation.restore(self.snapshot)
         return self.calls

@@ -12,7 +12,7 @@ import numpy as np
 from taichi_jello import interrupt, runtime
 from taichi_jello.assembly import assembled
 from taichi_jello.body import Body
-from taichi_jello.clock import Clock, StepWarning, asked_substeps, safe_substeps
+from taichi_jello.clock import Clock, StepWarning, asked_step, asked_substeps, safe_substeps, steps_in
 from taichi_jello.physics.blame import Blame, Culprit
 from taichi_jello.physics.choice import AUTO, Choice, choose
 from taichi_jello.physics.forces.grab import MOST, Hand, Held
@@ -60,7 +60,7 @@ class Snapshot:
 class Simulation:
     """A scene made of Taichi fields and stepped through time.
 
-    method, dt [s] and substeps (of a drawn frame) override the scene's solver; team forces a form of the step (see
+    method, and dt [s] or substeps (of a drawn frame), override the scene's solver; team forces a form of the step (see
     System); ledger: book the work of what stores no energy (see physics/ledger.py). Uses the running Taichi, or starts
     it with its defaults. Raises SceneError for a scene, a method or a step that cannot be, and RuntimeProblem if Taichi
     was started again since.
@@ -77,10 +77,10 @@ class Simulation:
         ledger: bool = False,
     ):
         self.scene = scene
+        self.asked_step = asked_step(scene.solver, dt, substeps)
         self.body: Body = assembled(scene)
         self.method = method or scene.solver.method
         self.frame_dt = scene.solver.frame_dt
-        self.asked_step = scene.solver.dt if dt is None else dt, substeps
         self.choice: Choice | None = None  # of `auto`
         self._told: tuple[Any, ...] = ()  # the step that was warned of
         if self.method == AUTO:
@@ -199,7 +199,7 @@ class Simulation:
         """Go on by the whole number of substeps nearest to `seconds`."""
         if not 0.0 <= seconds < np.inf:
             raise ValueError(f"seconds: expected a finite number of at least 0, got {seconds!r}")
-        self.step(round(seconds / self.dt))
+        self.step(steps_in(seconds, self.dt))
 
     def step(self, count: int = 1) -> None:
         """Go on by `count` substeps; a check for bad numbers follows each frame and the last substep."""
@@ -330,7 +330,7 @@ class Simulation:
     def change_step(self, *, dt: float | str | None = None, substeps: int | None = None) -> None:
         """Cut the frames that follow otherwise: by dt [s], "auto" or a number of substeps, as at the beginning."""
         runtime.check(self.system.owner)
-        self.asked_step = self.scene.solver.dt if dt is None else dt, substeps
+        self.asked_step = asked_step(self.scene.solver, dt, substeps)
         self._choose_step()
 
     def _choose_step(self) -> None:

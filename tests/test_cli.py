@@ -186,7 +186,10 @@ def test_the_version_is_told(capsys):
 
 
 MISTAKES = [
-    (("run", "cube", "-o", "x.npz", "--seconds", "-1"), "--seconds: expected a number of at least 0, got '-1'"),
+    (
+        ("run", "cube", "-o", "x.npz", "--seconds", "-1"),
+        "--seconds: expected a number of at least 0, at most 1e+12, got '-1'",
+    ),
     (("run", "cake", "-o", "x.npz"), "cake: expected a demo"),
     (("run", "nothing.toml", "-o", "x.npz"), "nothing.toml: there is no such file"),
     (("run", "small.toml", "-o", "x.npz", "--method", "leapfrog"), "solver.method: expected one of"),

@@ -22,6 +22,7 @@ from taichi_jello import (
     UniformField,
     runtime,
 )
+from taichi_jello.clock import steps_in
 from taichi_jello.physics.integrators import schemes
 
 SMALL = Box(points=(3, 3, 3), mass=0.05, position=(0.0, 0.8, 0.0))
@@ -125,6 +126,28 @@ def test_impossible_scenes_are_refused():
         Simulation(Scene(jello=[Box()], collider=[Room(min=(-0.2, 0.0, -0.2), max=(0.2, 0.4, 0.2))]))
     with pytest.raises(SceneError, match=r"solver.method: expected one of .*rk4.*, got 'leapfrog'"):
         Simulation(Scene(jello=[SMALL]), method="leapfrog")
+
+
+@pytest.mark.parametrize(
+    "asked, words",
+    [
+        ({"dt": -1}, r"^dt: expected a finite number greater than 0, got -1$"),
+        ({"dt": "soon"}, r'^dt: expected "auto" or seconds'),
+        ({"dt": 1e-12}, r"^dt: expected at least 1.67e-11 s, 1,000,000,000 steps for a frame, got 1e-12$"),
+        ({"substeps": 0}, r"^substeps: expected a whole number of at least 1, got 0$"),
+        ({"substeps": 10**21}, r"^substeps: expected at most 1,000,000,000 in a frame, got 1e\+21$"),
+        ({"dt": 0.001, "substeps": 3}, r"^substeps: expected either dt or substeps, got both: 0.001 and 3$"),
+    ],
+)
+def test_impossible_steps_are_refused_before_anything_is_made(asked, words):
+    with pytest.raises(SceneError, match=words):
+        Simulation(Scene(jello=[SMALL]), **asked)
+
+
+def test_more_steps_than_anybody_waits_for_are_refused():
+    assert steps_in(0.1, 0.02) == 5
+    with pytest.raises(SceneError, match=r"seconds: expected at most 1e\+06 s, 1,000,000,000 steps of 0.001 s, got 1e"):
+        steps_in(1e30, 0.001)
 
 
 def test_a_simulation_does_not_outlive_its_taichi(precision, request):

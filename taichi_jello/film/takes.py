@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from taichi_jello import runtime
+from taichi_jello.clock import steps_in
 from taichi_jello.film.writer import Mesh
 from taichi_jello.view.renderers import Renderer, drawing_of, finished, open_renderer
 
@@ -20,7 +21,7 @@ class Clock:
 
     def frames(self, seconds: float) -> int:
         """Frames of so many simulated seconds, at least 1."""
-        return max(1, round(seconds / self.per_frame))
+        return max(1, steps_in(seconds, self.per_frame))
 
     def go(self, frame: int) -> None:
         """Go on to the moment of that frame; a moment that is past stays."""
