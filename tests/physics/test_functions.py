@@ -5,7 +5,7 @@ import pytest
 import taichi as ti
 from reference import read
 
-from taichi_jello import Box, GridField, Plane, Room, Scene, Simulation, Sphere, runtime
+from taichi_jello import Box, CallableField, GridField, Plane, Room, Scene, SceneError, Simulation, Sphere, runtime
 from taichi_jello.physics.colliders import plane, sphere
 from taichi_jello.physics.forces import contact, springs
 
@@ -130,3 +130,37 @@ def test_grid_field_is_trilinear_and_its_last_index_is_z(epsilon):
         expected = [p[0] + 2 * p[1], p[2] * p[0], 1 + p[1] - p[2]]
         assert call(force.at, p, length=3) == pytest.approx(expected, abs=16 * epsilon)
     assert call(force.at, [5.0, 0.0, 0.0], length=3) == pytest.approx(call(force.at, [1.0, 0.0, 0.0], length=3))
+
+
+def flat(x, v, t):
+    return ti.Vector([1.0, 2.0])
+
+
+def strength(x, v, t):
+    return 1.0
+
+
+def unknown(x, v, t):
+    return x * windy  # noqa: F821
+
+
+@pytest.mark.parametrize(
+    "function, told",
+    [
+        (flat, "returns a 3-vector, got an array of shape (2,)"),
+        (strength, "returns a 3-vector, got none"),
+        (unknown, 'expected what Taichi compiles: Name "windy" is not defined'),
+    ],
+)
+def test_a_force_that_is_no_vector_is_told(function, told):
+    """Added to the other forces it would end the process."""
+    scene = Scene(jello=[Box(points=(2, 1, 1))], force=[CallableField(function=function)])
+    with pytest.raises(SceneError) as raised:
+        Simulation(scene)
+    assert raised.value.key == "force.0.function" and told in raised.value.problem
+
+
+def test_a_force_of_other_arguments_is_told():
+    for function, told in ((lambda x, v: x, "too many"), (lambda x, v, t, u: x, "missing a required argument: 'u'")):
+        with pytest.raises(SceneError, match=f"function: expected a function of x, v and t: {told}"):
+            CallableField(function=function)

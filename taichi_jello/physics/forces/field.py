@@ -1,5 +1,6 @@
 """External force fields: one force everywhere, forces on a 3-D grid, or any function of place, speed and time."""
 
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -63,6 +64,12 @@ class CallableField(Force):
     def check(self) -> dict[str, Any]:
         if not callable(self.function):
             raise SceneError("function", f"expected a Python function, got {self.function!r}")
+        try:
+            inspect.signature(self.function).bind("x", "v", "t")
+        except TypeError as error:
+            raise SceneError("function", f"expected a function of x, v and t: {error}") from None
+        except ValueError:  # it does not tell
+            pass
         return {}
 
 
@@ -128,19 +135,58 @@ class GridForce(ParticleForce):
         return Rates(squared_frequency=self.squared_frequency)
 
 
+def check_vector(key: str, function: Any) -> None:
+    """Raise SceneError unless Taichi compiles the function and finds that it returns a 3-vector. Otherwise it would end
+    the process where the force is added to others."""
+    shapes: list[tuple[int, ...]] = []
+
+    def note(force: Any) -> int:
+        shapes.append(_shape(force))
+        return len(shapes)
+
+    @ti.kernel
+    def probe(run: ti.i32):
+        if run == 1:
+            force = function(ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0]), 0.0)
+            ti.static(note(force))
+
+    try:
+        probe(0)
+    except ti.TaichiCompilationError as error:
+        raise SceneError(key, f"expected what Taichi compiles: {str(error).splitlines()[-1]}") from error
+    if shapes != [(3,)]:
+        found = f"an array of shape {shapes[0]}" if shapes and shapes[0] else "none"
+        raise SceneError(key, f"expected a function that returns a 3-vector, got {found}")
+
+
+def _shape(value: Any) -> tuple[int, ...]:
+    """Of what a Taichi function returns, () if it is no vector."""
+    if isinstance(value, (list, tuple)):
+        return (len(value),)
+    try:
+        return tuple(value.get_shape())
+    except (AttributeError, ti.TaichiCompilationError):
+        return ()
+
+
 @ti.data_oriented
 class CallableForce(ParticleForce):
     title = "callable field"
     reads_velocity = True
 
-    def __init__(self, field, particles):
+    def __init__(self, field, particles, key):
         function = field.function
         self.frame_start = particles.memory.table(self.title, "frame start", np.zeros(1))
         self.function = function if getattr(function, "_is_taichi_function", False) else ti.func(function)
+        check_vector(key, self.function)
 
     @classmethod
     def made_for(cls, scene, particles):
-        return [cls(field, particles) for field in scene.force if isinstance(field, CallableField)]
+        return [
+            cls(field, particles, f"force.{number}.function")
+            for number, field in enumerate(scene.force)
+            if isinstance(field, CallableField)
+        ]
 
     def begin_frame(self, start, end):
         self.frame_start[0] = start
