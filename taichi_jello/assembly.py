@@ -21,10 +21,14 @@ def built(jello: Jello) -> Body:
             if len(given) != len(body):
                 raise SceneError(name, f"expected {len(body)} points, got {len(given)}")
             body = replace(body, **{name: np.array(given)})
-    for pin in jello.pin:
+    for index, pin in enumerate(jello.pin):
+        held = pin.holds(places(body.rest, body.rest))
+        if not held.any():
+            raise SceneError(
+                f"pin.{index}", "expected a box in the body, 0 to 1 along each axis, that holds points; none lies in it"
+            )
         if pin.keyframe:  # a handle begins where its path does
-            held = pin.holds(places(body.rest, body.rest))[:, None]
-            body = replace(body, x=body.x + held * offset(pin.keyframe, 0.0))
+            body = replace(body, x=body.x + held[:, None] * offset(pin.keyframe, 0.0))
     body = replace(body, **material(jello, body))
     return replace(body, **divided(body, tuple(jello.region))) if jello.region else body
 

@@ -1,6 +1,6 @@
 """Values that a person gave, checked when a description is made: every mistake names its key and what was expected."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from contextlib import suppress
 from typing import Any, ClassVar
 
@@ -96,11 +96,23 @@ def by_family(key: str, value: Any) -> Any:
     return number(key, value, low=0.0)
 
 
+def listed(key: str, rows: Any, kind: type) -> tuple[Any, ...]:
+    """Descriptions of one kind."""
+    if isinstance(rows, (str, dict)) or not isinstance(rows, Sequence):
+        raise SceneError(key, f"expected a list of {kind.__name__}, got {rows!r}")
+    for index, row in enumerate(rows):
+        if not isinstance(row, kind):
+            raise SceneError(f"{key}.{index}", f"expected a {kind.__name__}, got {row!r}")
+    return tuple(rows)
+
+
 class Checked:
     """A frozen dataclass whose `check` returns the normalised value of its fields by name. `parts`: fields that are
-    lists of descriptions of one kind, by name; `together` checks the whole list of a kind."""
+    lists of descriptions of one kind, by name; `together` checks the whole list of a kind. `either`: pairs of fields
+    that say the same in two ways, of which one may be given."""
 
     parts: ClassVar[dict[str, type["Checked"]]] = {}
+    either: ClassVar[tuple[tuple[str, str], ...]] = ()
 
     def check(self) -> dict[str, Any]:
         raise TypeError(f"{type(self).__name__} must define check()")
@@ -109,15 +121,19 @@ class Checked:
     def together(cls, key: str, rows: Sequence[Any]) -> None:
         """Raise SceneError, below `key`, for rows of this kind that cannot stand together."""
 
+    @classmethod
+    def one_of_both(cls, given: Container[str]) -> None:
+        """Raise SceneError if both fields of a pair are given."""
+        for one, other in cls.either:
+            if one in given and other in given:
+                raise SceneError(one, f"expected either {one} or {other}, got both")
+
     def __post_init__(self) -> None:
         for name, value in self.check().items():
             object.__setattr__(self, name, value)
+        names = [name for pair in self.either for name in pair]
+        self.one_of_both([name for name in names if getattr(self, name) != getattr(type(self), name)])
         for name, kind in self.parts.items():
-            rows = getattr(self, name)
-            if isinstance(rows, (str, dict)) or not isinstance(rows, Sequence):
-                raise SceneError(name, f"expected a list of {kind.__name__}, got {rows!r}")
-            for index, row in enumerate(rows):
-                if not isinstance(row, kind):
-                    raise SceneError(f"{name}.{index}", f"expected a {kind.__name__}, got {row!r}")
+            rows = listed(name, getattr(self, name), kind)
             kind.together(name, rows)
-            object.__setattr__(self, name, tuple(rows))
+            object.__setattr__(self, name, rows)

@@ -18,7 +18,8 @@ from taichi_jello.clock import steps_in
 from taichi_jello.options import options, studies
 from taichi_jello.progress import bar
 from taichi_jello.replay import Recorded, Replay, Replayed, ReplayError, playable
-from taichi_jello.scene import Scene, SceneError, override
+from taichi_jello.scene import Scene, SceneError
+from taichi_jello.sceneio._table import changed
 from taichi_jello.simulation import Diverged, Simulation
 from taichi_jello.studies._report import FIGURES, Lacking, write_csv
 from taichi_jello.studies._report import write_json as write_figures
@@ -34,7 +35,7 @@ def make_scene(chosen: argparse.Namespace) -> Scene:
     scene = sceneio.load(chosen.scene)
     for key, value in chosen.settings:
         try:
-            scene = override(scene, key.split("."), value)
+            scene = changed(scene, key.split("."), value)
         except SceneError as error:
             raise Mistake(f"--set {error}") from None
     return in_color(chosen, scene)

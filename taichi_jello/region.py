@@ -62,14 +62,20 @@ class Region(Checked):
         if any(a > b for a, b in zip(low, high, strict=True)):
             raise SceneError("max", f"expected at least min {list(low)} on every axis, got {list(high)}")
         checked: dict[str, Any] = {"min": low, "max": high, "center": vector("center", self.center)}
+        if self.radius is None and checked["center"] != Region.center:
+            raise SceneError("center", "expected a radius beside it")
         if self.radius is not None:
             checked["radius"] = number("radius", self.radius, above=0.0)
         for name in ("stiffness", "damping"):
             if getattr(self, name) is not None:
                 checked[name] = by_family(name, getattr(self, name))
-        for name in ("stiffness_factor", "damping_factor", "mass_factor"):
-            checked[name] = painted(name, getattr(self, name))
-        return checked
+        factors = {
+            name: painted(name, getattr(self, name)) for name in ("stiffness_factor", "damping_factor", "mass_factor")
+        }
+        grids = any(isinstance(value, tuple) for value in factors.values())  # span the box
+        if self.radius is not None and (low, high) != (Region.min, Region.max) and not grids:
+            raise SceneError("radius", "expected either a box, min and max, or a ball, center and radius; got both")
+        return checked | factors
 
     def holds(self, where: np.ndarray) -> np.ndarray:
         """(n,) whether the places (n, 3) lie inside."""

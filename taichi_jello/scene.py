@@ -21,6 +21,7 @@ from taichi_jello.checked import (
     SceneError,
     Vector,
     by_family,
+    listed,
     number,
     truth,
     vector,
@@ -201,6 +202,11 @@ class Jello(Checked):
     region: Sequence[Region] = ()
     keyframe: Sequence[Keyframe] = ()
     parts: ClassVar[dict[str, type[Checked]]] = {"pin": Pin, "region": Region, "keyframe": Keyframe}
+    either: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("young", "stiffness"),
+        ("density", "mass"),
+        ("damping_ratio", "damping"),
+    )
 
     def check(self) -> dict[str, Any]:
         if isinstance(self.springs, str) or not isinstance(self.springs, Sequence):
@@ -270,25 +276,24 @@ class Scene(Checked):
     parts: ClassVar[dict[str, type[Checked]]] = {"keyframe": GravityKeyframe}
 
     def check(self) -> dict[str, Any]:
+        kinds: dict[str, type] = {"collider": Collider, "jello": Jello, "force": Force}
+        lists = {name: listed(name, getattr(self, name), kind) for name, kind in kinds.items()}
         if not self.jello:
             raise SceneError("jello", "expected at least one jello, the scene is empty")
-        for name, kind in (("collider", Collider), ("jello", Jello), ("force", Force)):
-            for index, part in enumerate(getattr(self, name)):
-                if not isinstance(part, kind):
-                    raise SceneError(f"{name}.{index}", f"expected a {kind.__name__}, got {part!r}")
-        return {
+        for name, table in (("solver", Solver), ("contact", Contact), ("camera", Camera)):
+            if not isinstance(getattr(self, name), table):
+                raise SceneError(name, f"expected a {table.__name__}, got {getattr(self, name)!r}")
+        return lists | {
             "title": word("title", self.title),
             "gravity": vector("gravity", self.gravity),
             "drag": number("drag", self.drag, low=0.0),
             "seconds": number("seconds", self.seconds, low=0.0),
-            "collider": tuple(self.collider),
-            "jello": tuple(self.jello),
-            "force": tuple(self.force),
         }
 
 
 def override(part: Any, path: Sequence[str], value: Any, key: str = "") -> Any:
-    """A copy of `part` with the value at `path` ("jello", "0", "stiffness") replaced and everything checked again."""
+    """A copy of `part` with the value at `path` ("jello", "0", "stiffness") replaced and everything checked again. What
+    said the same in another way is left out."""
     head, *rest = path
     key = f"{key}.{head}" if key else head
     if dataclasses.is_dataclass(part) and not isinstance(part, type):
@@ -297,7 +302,9 @@ def override(part: Any, path: Sequence[str], value: Any, key: str = "") -> Any:
             raise SceneError(key, f"unknown key, expected one of {', '.join(names)}")
         new = override(getattr(part, head), rest, value, key) if rest else value
         try:
-            return dataclasses.replace(part, **{head: new})
+            pairs = [pair for pair in getattr(part, "either", ()) if head in pair]
+            others = {name: getattr(type(part), name) for pair in pairs for name in pair}
+            return dataclasses.replace(part, **(others | {head: new}))
         except SceneError as error:
             raise error.within(key.rpartition(".")[0]) if "." in key else error from None
     if isinstance(part, tuple):

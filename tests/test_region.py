@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from taichi_jello import Box, Region, Scene, SceneError
+from taichi_jello import Box, Pin, Region, Scene, SceneError
 from taichi_jello.assembly import assembled, built
 
 CUBE = {"points": (5, 5, 5), "stiffness": 100.0, "damping": 1.0}
@@ -12,6 +12,11 @@ CUBE = {"points": (5, 5, 5), "stiffness": 100.0, "damping": 1.0}
 def middles(body):
     """(S, 3) the springs' middles, 0 to 1 along each axis of a 1 m cube."""
     return body.rest[body.springs].mean(1) + 0.5
+
+
+def test_a_pin_that_holds_no_point_is_a_mistake():
+    with pytest.raises(SceneError, match=r"pin.1: expected a box in the body"):
+        built(Box(points=(3, 3, 3), pin=[Pin(), Pin(min=(0.1, 0.1, 0.1), max=(0.4, 0.4, 0.4))]))
 
 
 def test_a_box_and_a_ball_hold_the_springs_whose_middle_is_inside():

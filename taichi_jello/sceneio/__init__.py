@@ -20,7 +20,7 @@ def demos() -> dict[str, Path]:
 
 def describe(path: Path) -> str:
     """A demo's own one-line description: its docstring or its first comment."""
-    text = path.read_text(encoding="utf-8")
+    text = path.read_text(encoding="utf-8-sig")
     if path.suffix == ".py":
         return (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
     return text.partition("\n")[0].lstrip("# ") if text.startswith("#") else ""
@@ -65,7 +65,7 @@ def located(name: str, error: SceneError) -> SceneError:
     """A mistake in the scene called `name`, with the line of its key where the format can tell it."""
     path = _path(name)
     line_of = getattr(formats().get(path.suffix), "line_of", None)
-    line = line_of(path.read_text(encoding="utf-8"), error.key) if line_of and error.key else None
+    line = line_of(path.read_text(encoding="utf-8-sig"), error.key) if line_of and error.key else None
     return SceneError(name, str(error) if line is None else f"line {line}: {error}")
 
 

@@ -1,7 +1,7 @@
 """Nested tables, as scene files hold them, to a Scene; every mistake named by its key."""
 
-from collections.abc import Mapping
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from functools import cache
 from typing import Any
 
@@ -9,7 +9,7 @@ from taichi_jello import shapes
 from taichi_jello.checked import SceneError, word
 from taichi_jello.physics import colliders, forces
 from taichi_jello.plugins import classes
-from taichi_jello.scene import Camera, Collider, Contact, Force, Jello, Scene, Solver
+from taichi_jello.scene import Camera, Collider, Contact, Force, Jello, Scene, Solver, override
 
 
 @cache
@@ -27,6 +27,10 @@ def make(kind: Any, table: Any, key: str) -> Any:
     for name in table:
         if name not in names:
             raise SceneError(f"{key}.{name}" if key else name, f"unknown key, expected one of {', '.join(names)}")
+    try:
+        kind.one_of_both(table)
+    except SceneError as error:
+        raise error.within(key) from None
     for name, part in kind.parts.items():
         if name in table:
             below = f"{key}.{name}" if key else name
@@ -61,13 +65,38 @@ def rows(table: Mapping[str, Any], name: str, key: str) -> list[Any]:
     return value
 
 
+def check_known(name: str) -> None:
+    """Raise SceneError unless a scene file may have `name` at its top."""
+    known = [each.name for each in fields(Scene) if each.name != "force"] + list(kinds(Force, "key"))
+    if name not in known:
+        raise SceneError(name, f"unknown key, expected one of {', '.join(known)}")
+
+
+def changed(scene: Scene, path: Sequence[str], value: Any) -> Scene:
+    """`override` by the names that files have: `uniform_field.force` is that of the scene's one uniform field, which is
+    made if there is none, and `uniform_field.1.force` that of its second."""
+    name, *rest = path
+    kind = kinds(Force, "key").get(name)
+    if kind is None:
+        if name != "force":
+            check_known(name)
+        return override(scene, path, value)
+    own = [index for index, force in enumerate(scene.force) if isinstance(force, kind)]
+    if not rest or not own:
+        table = {rest[0]: value} if len(rest) == 1 else value
+        kept = [force for force in scene.force if not isinstance(force, kind)]
+        return replace(scene, force=[*kept, make(kind, table, name)])
+    rest = rest if rest[0].isdigit() else ["0", *rest]
+    same = override(tuple(scene.force[index] for index in own), rest, value, name)
+    new = dict(zip(own, same, strict=True))
+    return replace(scene, force=[new.get(index, force) for index, force in enumerate(scene.force)])
+
+
 def scene_from(table: Mapping[str, Any]) -> Scene:
     """The Scene that a file's top-level table describes; raises SceneError with the key of the first mistake."""
     parts, forces = dict(table), kinds(Force, "key")
-    known = [each.name for each in fields(Scene) if each.name != "force"] + list(forces)
     for name in parts:
-        if name not in known:
-            raise SceneError(name, f"unknown key, expected one of {', '.join(known)}")
+        check_known(name)
     for name, kind in (("solver", Solver), ("contact", Contact), ("camera", Camera)):
         if name in parts:
             parts[name] = make(kind, parts[name], name)

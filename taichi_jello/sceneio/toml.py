@@ -20,7 +20,7 @@ WIDE = 110  # columns that an array may take on one line
 
 def load(path: Path) -> Scene:
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # Windows' Notepad marks the order of bytes
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SceneError("", f"not valid TOML: {error}") from None

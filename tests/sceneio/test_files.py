@@ -2,8 +2,9 @@
 
 import pytest
 
-from taichi_jello import Box, Plane, Room, Scene, SceneError, Sphere, sceneio
+from taichi_jello import Box, Grab, Plane, Room, Scene, SceneError, Sphere, UniformField, sceneio
 from taichi_jello.scene import override
+from taichi_jello.sceneio._table import changed
 
 EVERYTHING = """
 title = "Cube on a sphere"
@@ -130,6 +131,11 @@ BOX = '[[jello]]\nshape = "box"\n'
         (BOX + "x = [[1e300, 0, 0]]", "jello.0.x: expected numbers of at most 1e+12 either way, got 1e+300"),
         (BOX + "[[jello.region]]\nmass_factor = [[[1e300]]]", "mass_factor: expected numbers of at most 1e+12, got"),
         ("[solver]\nframe_dt = 1e-300\n" + BOX, "solver.frame_dt: expected a finite number greater than 0, at least"),
+        (BOX + "young = 2000\nstiffness = 200", "jello.0.young: expected either young or stiffness, got both"),
+        (BOX + "density = 500\nmass = 2", "jello.0.density: expected either density or mass, got both"),
+        (BOX + "damping_ratio = 0.1\ndamping = 1", "jello.0.damping_ratio: expected either damping_ratio or damping"),
+        (BOX + "[[jello.region]]\ncenter = [0, 0, 0]", "jello.0.region.0.center: expected a radius beside it"),
+        (BOX + "[[jello.region]]\nradius = 0.5\nmax = [1, 1, 0.5]", "jello.0.region.0.radius: expected either a box"),
         ("jello = 3", "jello: expected an array of tables"),
         ("jello = [", "not valid TOML"),
     ],
@@ -140,6 +146,15 @@ def test_every_mistake_names_file_key_and_what_was_expected(tmp_path, text, word
         sceneio.load(path)
     assert str(caught.value).startswith(f"{path}: ") and words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_mark_of_the_order_of_bytes_is_no_mistake(tmp_path):
+    path = tmp_path / "notepad.toml"
+    path.write_text(BOX + "mass = 2", encoding="utf-8-sig")
+    assert sceneio.load(str(path)).jello[0].mass == 2.0
+    path.write_text("mass = 2\n" + BOX, encoding="utf-8-sig")
+    with pytest.raises(SceneError, match="line 1: mass: unknown key"):
+        sceneio.load(str(path))
 
 
 def test_python_scenes_and_their_mistakes(tmp_path):
@@ -186,7 +201,38 @@ def test_override_reaches_every_key():
         (["jello", "0", "mas"], "jello.0.mas: unknown key"),
         (["jello", "0", "mass"], "jello.0.mass: expected a finite number"),
         (["title", "x"], "title.x: unknown key"),
+        (["jello"], "jello: expected a list of Jello, got 'heavy'"),
+        (["collider"], "collider: expected a list of Collider, got 'heavy'"),
+        (["solver"], "solver: expected a Solver, got 'heavy'"),
+        (["camera"], "camera: expected a Camera, got 'heavy'"),
     ):
         with pytest.raises(SceneError) as caught:
             override(scene, path, "heavy")
         assert str(caught.value).startswith(words)
+    with pytest.raises(SceneError, match="jello: expected a list of Jello, got 3"):
+        override(scene, ["jello"], 3)
+
+
+def test_what_is_set_goes_over_what_said_the_same_in_another_way():
+    scene = Scene(jello=[Box(stiffness=50.0)])
+    scene = override(scene, ["jello", "0", "young"], 3000)
+    assert scene.jello[0].young == 3000.0 and scene.jello[0].stiffness == Box.stiffness
+    scene = override(scene, ["jello", "0", "stiffness", "shear"], 7)
+    assert scene.jello[0].young is None and scene.jello[0].stiffness["shear"] == 7.0
+
+
+def test_a_force_is_set_by_the_name_that_files_have():
+    scene = Scene(jello=[Box()], force=[Grab()])
+    once = changed(scene, ["uniform_field", "force"], [0.01, 0, 0])
+    assert once.force == (Grab(), UniformField(force=(0.01, 0.0, 0.0)))
+    assert changed(once, ["uniform_field", "force", "1"], 2).force[1].force == (0.01, 2.0, 0.0)
+    assert changed(once, ["uniform_field"], {"force": [1, 0, 0]}).force[1].force == (1.0, 0.0, 0.0)
+    assert changed(scene, ["drag"], 0.5).drag == 0.5
+    for path, words in (
+        (["uniform_field", "x"], "uniform_field.x: unknown key, expected one of force"),
+        (["uniform_field"], "uniform_field: expected a table, got 3"),
+        (["sunshine"], "sunshine: unknown key, expected one of title, gravity,"),
+    ):
+        with pytest.raises(SceneError) as caught:
+            changed(scene, path, 3)
+        assert str(caught.value).startswith(words) and " force," not in str(caught.value)
