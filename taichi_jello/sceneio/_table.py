@@ -1,7 +1,7 @@
 """Nested tables, as scene files hold them, to a Scene; every mistake named by its key."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import MISSING, fields, replace
 from functools import cache
 from typing import Any
 
@@ -27,6 +27,10 @@ def make(kind: Any, table: Any, key: str) -> Any:
     for name in table:
         if name not in names:
             raise SceneError(f"{key}.{name}" if key else name, f"unknown key, expected one of {', '.join(names)}")
+    needed = [each.name for each in fields(kind) if each.default is MISSING and each.default_factory is MISSING]
+    missing = [name for name in needed if name not in table]
+    if missing:
+        raise SceneError(key, f"expected {' and '.join(missing)} too, which is missing")
     try:
         kind.one_of_both(table)
     except SceneError as error:
@@ -39,8 +43,8 @@ def make(kind: Any, table: Any, key: str) -> Any:
         return kind(**table)
     except SceneError as error:
         raise error.within(key) if key else error from None
-    except TypeError:  # a required field is missing
-        raise SceneError(key, f"expected all of {', '.join(names)}") from None
+    except TypeError as error:
+        raise SceneError(key, f"expected values of other kinds: {error}") from None
 
 
 def make_chosen(base: type, choice: str, table: Any, key: str) -> Any:

@@ -41,8 +41,10 @@ def read(file: str) -> tuple[np.ndarray, np.ndarray]:
     except OSError as error:
         raise SceneError("file", f"{file}: cannot be read: {error.strerror}") from None
     except Exception as error:  # whatever a parser stumbles over
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise SceneError("file", f"{file}: expected a mesh in {kind.upper()} format: {reason}") from None
+        known = not isinstance(error, ImportError)  # trimesh asks for more packages where it does not know a text
+        reason = f" ({(str(error).splitlines() or [type(error).__name__])[0]})" if known else ""
+        told = f"expected a mesh in {kind.upper()} format, it is cut short or of another kind{reason}"
+        raise SceneError("file", f"{file}: {told}") from None
     return checked(file, points, triangles)
 
 

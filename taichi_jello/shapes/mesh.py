@@ -53,14 +53,17 @@ class Mesh(Jello):
         shape = self._grid(points, spacing)
         opened, twisted = flaws(points, triangles)
         filled, fraction, within = self._filled(points, triangles, spacing, shape, not twisted)
+        enclosed_volume = volume(points, triangles)
         # A closed surface may be thinner than the samples: it makes a body of the cells that it passes through.
-        if not fraction.any() and (opened or twisted or abs(volume(points, triangles)) < FLAT * np.ptp(points) ** 3):
+        if not fraction.any() and (opened or twisted or abs(enclosed_volume) < FLAT * np.ptp(points) ** 3):
             raise SceneError("file", f"{self.file}: expected a closed surface, nothing is inside")
         triangles = outward(points / spacing + 0.5 * np.array(shape), triangles, within)
         if opened or twisted:
             wrong = f"{opened} edges of its surface are open" * bool(opened)
             wrong += " and " * bool(opened and twisted) + "its triangles do not all face outwards" * bool(twisted)
             self._warn(f"{wrong}; what is inside was put to the vote of rays")
+        elif enclosed_volume < 0.0:
+            self._warn("its triangles all face inwards; they were turned")
         self._look_for_loose_parts(points, triangles, filled, not twisted)
         points, triangles = split_edges(points, triangles, FINE * spacing)
         return skinned_body(self, points, triangles, filled, fraction, spacing, within >= 0.5)

@@ -113,7 +113,7 @@ BOX = '[[jello]]\nshape = "box"\n'
             BOX + "[[collider]]\ntype = 'box'\nmin = [1, 1, 1]\nmax = [0, 2, 2]",
             "collider.0.max: expected more than min",
         ),
-        (BOX + "[uniform_field]\n", "uniform_field: expected all of force"),
+        (BOX + "[uniform_field]\n", "uniform_field: expected force too, which is missing"),
         (BOX + "[grid_field]\nvalues = [1, 2]\n", "grid_field.values: expected x by y by z by 3"),
         ("[contact]\nstiffness = 1e200\n" + BOX, "contact.stiffness: expected a finite number of at least 0, at most"),
         ("drag = 1e300\n" + BOX, "drag: expected a finite number of at least 0, at most 1e+12, got 1e+300"),
@@ -136,6 +136,7 @@ BOX = '[[jello]]\nshape = "box"\n'
         (BOX + "damping_ratio = 0.1\ndamping = 1", "jello.0.damping_ratio: expected either damping_ratio or damping"),
         (BOX + "[[jello.region]]\ncenter = [0, 0, 0]", "jello.0.region.0.center: expected a radius beside it"),
         (BOX + "[[jello.region]]\nradius = 0.5\nmax = [1, 1, 0.5]", "jello.0.region.0.radius: expected either a box"),
+        (BOX + "[[jello.keyframe]]\nstiffness = 1", "line 3: jello.0.keyframe.0: expected time too, which is missing"),
         ("jello = 3", "jello: expected an array of tables"),
         ("jello = [", "not valid TOML"),
     ],
@@ -163,10 +164,15 @@ def test_python_scenes_and_their_mistakes(tmp_path):
     for text, words in (
         ("x = 1", "scene: expected a function scene()"),
         ("def scene(): return 3", "expected scene() to return a Scene, got 3"),
-        ("def scene(): return 1 / 0", "it fails with ZeroDivisionError"),
+        ("def scene(): return 1 / 0", "line 1: it fails with ZeroDivisionError"),
         ("import nothing_like_this", "it fails with ModuleNotFoundError"),
-        ("from taichi_jello import *\ndef scene(): return Scene(jello=[Box(mass=-1)])", "mass: expected"),
-        ("def scene(", "it fails with SyntaxError"),
+        ("from taichi_jello import *\ndef scene(): return Scene(jello=[Box(mass=-1)])", "line 2: mass: expected"),
+        ("def scene(", "line 1: it fails with SyntaxError"),
+        (
+            "import json\ndef scene():\n  return json.loads('x')",
+            "line 3: it fails with JSONDecodeError: Expecting",
+        ),
+        ("import sys\ndef scene():\n  sys.exit(5)", "line 3: it fails with SystemExit: 5"),
     ):
         with pytest.raises(SceneError, match=words.replace("(", r"\(").replace(")", r"\)")):
             sceneio.load(written(tmp_path, text, "bad.py"))

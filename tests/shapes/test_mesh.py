@@ -100,7 +100,8 @@ def test_triangles_that_face_both_ways_are_turned(saved):
 
 def test_an_inside_out_mesh_is_turned(saved):
     points, triangles = sphere(0.3)
-    body = Mesh(file=saved(surface(points, triangles[:, ::-1])), resolution=8, scale=1.0).body()
+    with pytest.warns(MeshWarning, match="its triangles all face inwards; they were turned"):
+        body = Mesh(file=saved(surface(points, triangles[:, ::-1])), resolution=8, scale=1.0).body()
     assert volume(body) == pytest.approx(surface(points, triangles).volume, rel=1e-5)
 
 
