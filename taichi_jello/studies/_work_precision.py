@@ -13,7 +13,7 @@ MARKERS = "osD^vP*X<>hpd8"
 def draw(told: dict[str, Any], path: Path) -> None:
     """Write the diagram of all cases. Raises Lacking."""
     cases = [case for case in told["cases"] if case["points"]]
-    figure = new_figure(15.0, 0.4 + 4.2 * max(1, len(cases)))
+    figure = new_figure(17.5, 0.4 + 4.2 * max(1, len(cases)))
     axes = figure.subplots(max(1, len(cases)), 3, squeeze=False)
     methods = sorted({point["method"] for case in cases for point in case["points"]})
     looks = {method: (f"C{k % 10}", MARKERS[k % len(MARKERS)]) for k, method in enumerate(methods)}
@@ -41,11 +41,12 @@ def tolerances(case: dict[str, Any]) -> list[float]:
 
 def over_time(axes: Any, case: dict[str, Any], looks: dict[str, tuple[str, str]]) -> None:
     for method, (color, marker) in looks.items():
+        named = "f32" if drawn(case, method, "f32") else "f64"
         for precision, style in (("f64", "--"), ("f32", "-")):
             points = drawn(case, method, precision)
             if points:
                 times, errors = [ms_a_frame(case, p) for p in points], [p["shown"] for p in points]
-                label = method if precision == "f32" else None
+                label = method if precision == named else None
                 axes.loglog(times, errors, style, color=color, marker=marker, ms=4, lw=1.3, label=label)
     axes.axvline(1e3 * FRAME, color="0.5", lw=1)
     axes.text(1e3 * FRAME, 0.02, " real time", transform=axes.get_xaxis_transform(), color="0.4", fontsize=8)
@@ -65,12 +66,17 @@ def over_time(axes: Any, case: dict[str, Any], looks: dict[str, tuple[str, str]]
     axes.set_xlabel("run time of a 1/60 s frame [ms]; solid f32, dashed f64, | fastest to that error", fontsize=8)
     axes.set_ylabel(error_name(case))
     axes.set_title(f"{case['case']}: {case['shows'] or case['sentence']}", fontsize=10, loc="left")
-    axes.legend(fontsize=8)
+    beside(axes)
     axes.grid(alpha=0.25)
 
 
+def beside(axes: Any) -> None:
+    """A legend that hides no line."""
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
 def over_passes(axes: Any, case: dict[str, Any], looks: dict[str, tuple[str, str]]) -> None:
-    """Thin lines: implicit steps solved to looser tolerances."""
+    """In the colours of the other axes. Thin lines: implicit steps solved to looser tolerances."""
     for method, (color, marker) in looks.items():
         precision = "f64" if drawn(case, method, "f64") else "f32"
         for tolerance in (None, *tolerances(case)):
@@ -84,7 +90,6 @@ def over_passes(axes: Any, case: dict[str, Any], looks: dict[str, tuple[str, str
                 axes.loglog(passes, errors, "-", color=color, lw=0.6, alpha=0.7)
                 axes.text(passes[-1], errors[-1], f"{tolerance:g}", color=color, fontsize=6)
     axes.set_xlabel("passes through all springs, f64; thin: implicit steps solved to a looser tolerance", fontsize=8)
-    axes.legend(fontsize=8)
     axes.grid(alpha=0.25)
 
 
@@ -98,7 +103,7 @@ def over_step(axes: Any, case: dict[str, Any], looks: dict[str, tuple[str, str]]
             axes.loglog(steps, errors, "--", color=color, marker=marker, ms=4, lw=1.3, label=label)
     axes.set_xlabel("dt [s], f64", fontsize=8)
     axes.set_title(case["sentence"], fontsize=7.5, loc="left", color="0.3", wrap=True)
-    axes.legend(fontsize=8)
+    beside(axes)
     axes.grid(alpha=0.25)
 
 

@@ -156,20 +156,20 @@ def plot(told: dict[str, Any], path: Path) -> None:
     """Time to 1 % over the number of points, a line for each way."""
     figure = new_figure(7.0, 4.5)
     axes = figure.add_subplot()
-    for number, (outer, inner) in enumerate(
-        (o, i) for o in OUTER for i in [*INNER, PLAIN] if i != PLAIN or o == "newton"
-    ):
+    ways = [(o, i) for o in OUTER for i in [*INNER, PLAIN] if i != PLAIN or o == "newton"]
+    for outer, inner in ways:
         own = [r for r in told["rows"] if (r["outer"], r["inner"]) == (outer, inner)]
         axes.loglog(
             [r["points"] ** 3 for r in own],
             [r["ms"]["1 %"] for r in own],
-            marker="o",
+            marker="o" if outer == "newton" else "^",
             linestyle="-" if outer == "newton" else "--",
-            color="k" if inner == PLAIN else f"C{number % (len(INNER) + 1)}",
+            markerfacecolor=None if outer == "newton" else "none",
+            color="k" if inner == PLAIN else f"C{[*INNER].index(inner)}",
             label=f"{outer}, {inner}",
         )
     axes.set_xlabel("particles")
     axes.set_ylabel("ms until 1 % of the converged step")
-    axes.legend(fontsize=7)
+    axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     axes.grid(alpha=0.3)
     save_figure(figure, path)

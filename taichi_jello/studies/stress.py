@@ -120,6 +120,6 @@ def plot(told: dict[str, Any], path: Path) -> None:
     axes.set_xticks(range(len(methods)), methods, rotation=35, ha="right")
     axes.set_yticks(range(len(cases)), cases)
     axes.invert_yaxis()
-    axes.set_title("stress cases: green ok, grey refused, red failed", fontsize=10)
+    figure.suptitle("green ok, grey refused, red failed", fontsize=9)
     axes.margins(0.08)
     save_figure(figure, path)
