@@ -17,6 +17,8 @@ from taichi_jello.view.strokefont import strokes, text_width
 ROWS = 720  # sizes below are pixels of a picture this high
 MARGIN = 28.0
 TEXT = 12.5  # the height of a capital
+LEAST = 7.0  # that of one in a small picture, if it is at least WIDE: smaller ones cannot be read
+WIDE = 300  # pixels
 PEN = 0.13  # the pen's width, of the height of a capital
 BAR = (230.0, 12.0)
 LEADING = 1.75  # from baseline to baseline, of the height of a capital
@@ -79,7 +81,7 @@ class Sheet:
 
     @property
     def scale(self) -> float:
-        return self.size[1] / ROWS
+        return max(self.size[1] / ROWS, LEAST / TEXT * min(1.0, self.size[0] / WIDE))
 
     def text(
         self, words: str, x: float, y: float, height: float, rgb=palette.INK, align: float = 0.0, pen: float = PEN

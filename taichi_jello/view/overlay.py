@@ -46,7 +46,7 @@ def state(viewer: Viewer) -> str:
 
 def write_help(sheet: Sheet) -> None:
     """All keys, on a page in the middle."""
-    s = min(sheet.scale, sheet.size[0] / 740.0)
+    s = min(sheet.scale, sheet.size[0] / 740.0, sheet.size[1] / 720.0)
     width, height = 700.0 * s, (len(HELP) * 26.0 + 36.0) * s
     x, y = (sheet.size[0] - width) / 2.0, (sheet.size[1] - height) / 2.0
     sheet.quad(x, y, width, height, palette.PAPER)

@@ -12,6 +12,7 @@ from taichi_jello.scene import COLORS, SHOWS
 from taichi_jello.simulation import Diverged
 from taichi_jello.view import palette
 from taichi_jello.view.actions import HELP, KEYS, WIND
+from taichi_jello.view.legend import LEAST, legend
 from taichi_jello.view.overlay import overlay
 from taichi_jello.view.pace import BUDGET, MOST_FRAMES
 from taichi_jello.view.viewer import TOLD
@@ -239,6 +240,17 @@ def test_help_fits_the_window(viewer, size):
     for text in on_page:
         places = text.segments().reshape(-1, 2)
         assert (places > [page.x, page.y]).all() and (places < [page.x + page.width, page.y + page.height]).all()
+
+
+@pytest.mark.parametrize("size", [(320, 180), (640, 360), (300, 700)])
+def test_what_is_written_on_a_small_picture_can_be_read(viewer, size):
+    viewer.update()
+    sheet = legend(viewer.drawing.key, 0.05, size)
+    parts = [text.segments().reshape(-1, 2) for text in sheet.texts]
+    assert min(text.height for text in sheet.texts) >= LEAST - 1e-9
+    assert all((part > 0.0).all() and (part < size).all() for part in parts)
+    time, scale_end = parts[0], parts[-1]
+    assert scale_end[:, 0].max() < time[:, 0].min()
 
 
 def test_state_is_written(viewer):
