@@ -242,7 +242,7 @@ def test_help_fits_the_window(viewer, size):
         assert (places > [page.x, page.y]).all() and (places < [page.x + page.width, page.y + page.height]).all()
 
 
-@pytest.mark.parametrize("size", [(320, 180), (640, 360), (300, 700)])
+@pytest.mark.parametrize("size", [(320, 180), (640, 360), (300, 200)])
 def test_what_is_written_on_a_small_picture_can_be_read(viewer, size):
     viewer.update()
     sheet = legend(viewer.drawing.key, 0.05, size)
