@@ -6,6 +6,7 @@ import functools
 import json
 import os
 import sys
+import tempfile
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
@@ -97,6 +98,11 @@ def output(name: str, *suffixes: str, option: str = "-o") -> Path:
         raise Mistake(f"{option} {name}: expected a file in a folder that exists")
     if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
         raise Mistake(f"{option} {name}: may not be written")
+    if not path.exists():
+        try:
+            tempfile.TemporaryFile(dir=path.parent).close()
+        except OSError as error:  # a folder of the system's own, a full disk
+            raise Mistake(f"{option} {name}: its folder takes no files: {error.strerror}") from None
     return path
 
 
@@ -309,6 +315,9 @@ def obeyed(chosen: argparse.Namespace) -> int:
     """Do what was asked for. Returns the exit status."""
     try:
         globals()[f"do_{chosen.command}"](chosen)
+    except ReplayError as error:
+        print(f"jello: --replay {error}", file=sys.stderr)
+        return 2
     except (Mistake, SceneError, runtime.RuntimeProblem) as error:
         print(f"jello: {error}", file=sys.stderr)
         return 2

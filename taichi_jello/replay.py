@@ -7,7 +7,7 @@ import hashlib
 import json
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NoReturn, TextIO
 
 import numpy as np
 
@@ -125,6 +125,11 @@ class Recorded:
         return f"{self.path}: {counted(self.frames, 'frame')} recorded"
 
 
+def _refused(name: str) -> NoReturn:
+    """NaN and Infinity, which JSON itself does not know."""
+    raise ValueError(name)
+
+
 class Replay:
     """The calls of a recorded play, to be made again on a simulation of the same scene and settings.
 
@@ -145,12 +150,12 @@ class Replay:
 
     def _call(self, number: int, line: str) -> dict[str, Any]:
         try:
-            call = json.loads(line)
+            call = json.loads(line, parse_constant=_refused) | {"line": number}
             if isinstance(call["frame"], int) and call["call"] in (*CALLS, "end"):
                 return {"with": [], "named": {}} | call
         except (ValueError, KeyError, TypeError):
             pass
-        raise ReplayError(f"{self.path}: line {number}: expected a call of a recorded play")
+        raise ReplayError(f"{self.path}: line {number}: expected a call of a recorded play, with finite numbers")
 
     def check(self, simulation: Simulation) -> None:
         """Raise ReplayError if the simulation is not the one that was played."""
@@ -197,7 +202,7 @@ class Replayed:
     def __init__(self, simulation: Simulation, replay: Replay):
         replay.check(simulation)
         self.simulation, self.length = simulation, replay.frames
-        self.frames, self.repeating = 0, True
+        self.frames, self.repeating, self.path = 0, True, replay.path
         self._calls = sorted(replay.calls, key=lambda call: call["frame"])
         self._next = 0  # of the calls
         self._kept: dict[int, Moment] = {}
@@ -236,7 +241,10 @@ class Replayed:
             call = self._calls[self._next]
             self._next += 1
             if call["call"] != "end":
-                getattr(self.simulation, call["call"])(*call["with"], **call["named"])
+                try:
+                    getattr(self.simulation, call["call"])(*call["with"], **call["named"])
+                except (ValueError, TypeError, IndexError) as error:
+                    raise ReplayError(f"{self.path}: line {call['line']}: {call['call']}: {error}") from None
 
     def _keep(self) -> None:
         """Keep this moment for scrub; every second one goes when they outgrow BUDGET."""

@@ -1,6 +1,7 @@
 """The command line as a person uses it: a process, its files, its exit status and its lines."""
 
 import json
+import tempfile
 
 import numpy as np
 import pytest
@@ -183,6 +184,16 @@ def test_the_version_is_told(capsys):
     with pytest.raises(SystemExit) as end:
         cli.main(["--version"])
     assert end.value.code == 0 and capsys.readouterr().out == f"taichi_jello {__version__}\n"
+
+
+def test_a_folder_that_takes_no_files_is_told_before_the_run(tmp_path, monkeypatch, capsys):
+    def full(**_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(tempfile, "TemporaryFile", full)
+    assert cli.main(["run", "cube", "-o", str(tmp_path / "x.npz")]) == 2
+    told = f"jello: -o {tmp_path / 'x.npz'}: its folder takes no files: No space left on device\n"
+    assert capsys.readouterr().err == told
 
 
 MISTAKES = [

@@ -193,6 +193,7 @@ def test_files_that_are_no_play_of_this_scene(tmp_path):
         ("[1, 2]\n", "expected a recorded play"),
         ('{"jello_play": 99}\n', "expected format 2, got 99"),
         ('{"jello_play": 2}\n{"frame": 0, "call": "explode"}\n', "line 2: expected a call"),
+        ('{"jello_play": 2}\n{"frame": 0, "call": "push", "with": [[NaN, 0, 0]]}\n', "line 2: expected a call of a"),
     ):
         path.write_text(text)
         with pytest.raises(ReplayError, match=words):
@@ -209,6 +210,10 @@ def test_files_that_are_no_play_of_this_scene(tmp_path):
     with pytest.raises(ReplayError, match="method 'rk4', this is 'verlet'"):
         Replay(path).check(Simulation(SCENE, method="verlet"))
     assert json.loads(path.read_text().splitlines()[0])["jello_play"] == 2
+    call = {"frame": 0, "call": "tune", "with": [], "named": {"stiffness": -1.0}}
+    path.write_text(f"{path.read_text()}{json.dumps(call)}\n{json.dumps({'frame': 1, 'call': 'end'})}\n")
+    with pytest.raises(ReplayError, match="line 3: tune: stiffness: expected"):
+        Replayed(Simulation(SCENE), Replay(path)).frame()
 
 
 TOML = """
