@@ -18,7 +18,7 @@ from taichi_jello.checked import SceneError
 from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.colliders.room import Room
 from taichi_jello.physics.forces.field import GridField
-from taichi_jello.scene import Camera, Collider, Contact, Scene, Solver
+from taichi_jello.scene import Collider, Contact, Scene, Solver
 from taichi_jello.shapes.lattice import Box
 
 SUFFIX = ".w"
@@ -100,7 +100,6 @@ def load(path: Path) -> Scene:
         collider=collider + ([_inclined(plane, x.mean(0))] if has_plane else []),
         force=[GridField(values=field.reshape(*[resolution] * 3, 3), min=low, max=high)] if field.any() else [],
         jello=[Box(points=(POINTS,) * 3, mass=mass * POINTS**3, stiffness=stiffness, damping=damping, x=x, v=v)],
-        camera=Camera(eye=(4.6, 3.6, 6.4), target=(0.0, -0.2, 0.0)),
     )
 
 

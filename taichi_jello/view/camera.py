@@ -4,12 +4,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from taichi_jello.scene import Camera
+from taichi_jello.body import Body
+from taichi_jello.physics.colliders.room import Room
+from taichi_jello.scene import Camera, Scene
 
 NEAR = 0.05  # m; nothing nearer to the eye is drawn
 FAR = 1000.0  # m
 STEEPEST = 0.995  # the sine of the steepest view up or down: at 1 the picture would spin about its own axis
 UP = np.array([0.0, 1.0, 0.0])
+FILLED = 0.85  # of the picture's half height and width, by what a view is fitted to
+ASPECT = 16.0 / 9.0
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
@@ -33,6 +37,28 @@ class Viewpoint:
     def of(cls, camera: Camera) -> "Viewpoint":
         """The viewpoint that a scene asks for."""
         return cls(np.array(camera.eye), np.array(camera.target), camera.fov)
+
+    @classmethod
+    def first(cls, scene: Scene, body: Body) -> "Viewpoint":
+        """The scene's own; where it has none, and the usual one leaves jellos, rooms or the floor below jellos out of
+        the picture, one from the same side that shows them."""
+        view, usual = cls.of(scene.camera), Camera()
+        if (scene.camera.eye, scene.camera.target) != (usual.eye, usual.target):
+            return view
+        corners = _corners(scene, body)
+        if view.way_to(corners, 1.0) <= 0.0:
+            return view
+        middle = 0.5 * (corners.min(0) + corners.max(0))
+        away = view.eye - view.target
+        view = cls(middle + away, middle, view.fov)
+        return cls(view.eye + _unit(away) * view.way_to(corners, FILLED), middle, view.fov)
+
+    def way_to(self, points: np.ndarray, filled: float) -> float:
+        """How far [m] the eye has to go back until the points (n, 3) take at most `filled` of the picture's half height
+        and width; negative where it may go nearer."""
+        across, up, back = self.axes() @ (points - self.eye).T
+        slope = filled * np.tan(np.radians(self.fov) / 2.0)
+        return float((back + np.maximum(np.abs(across) / ASPECT, np.abs(up)) / slope).max())
 
     def reset(self) -> None:
         """Back to where it was made."""
@@ -114,3 +140,12 @@ class Viewpoint:
     def pixels_per_meter(self, height: int) -> float:
         """How many pixels one metre at a distance of one metre covers in a picture `height` pixels high."""
         return 0.5 * height / float(np.tan(np.radians(self.fov) / 2.0))
+
+
+def _corners(scene: Scene, body: Body) -> np.ndarray:
+    """(n, 3) [m]: of the box around all jellos, of that below it on the highest floor, and of the rooms."""
+    low, high = body.x.min(0), body.x.max(0)
+    floors = [level for collider in scene.collider if (level := collider.floor()) is not None and level < low[1]]
+    boxes = [(np.array([low[0], max(floors, default=low[1]), low[2]]), high)]
+    boxes += [(np.array(room.min), np.array(room.max)) for room in scene.collider if isinstance(room, Room)]
+    return np.array([[box[k >> axis & 1][axis] for axis in range(3)] for box in boxes for k in range(8)])

@@ -35,7 +35,7 @@ class Drawing:
         self.hidden: set[str] = set()
         self.changing = any(jello.changes for jello in scene.jello)
         self.color = scene.camera.color
-        self.viewpoint = Viewpoint.of(scene.camera)
+        self.viewpoint = Viewpoint.first(scene, body)
         self.surroundings = Surroundings(scene) if scene.collider else None
         solids = [] if self.surroundings is None else [s for s in self.surroundings.surfaces if not s.level]
         self._solids = solids

@@ -60,7 +60,7 @@ class Viewer:
         """Show this simulation from now on."""
         self.simulation, self.color = simulation, simulation.scene.camera.color
         self.drawing: Drawing = drawing_of(simulation)
-        self.viewpoint = Viewpoint.of(simulation.scene.camera)
+        self.viewpoint = Viewpoint.first(simulation.scene, simulation.body)
         self.show = SHOWS.index(simulation.scene.camera.show)
         self.hand: Hand | None = None
         self.gauges = Gauges()

@@ -1,7 +1,11 @@
+import itertools
+
 import numpy as np
 import pytest
 import taichi as ti
 
+from taichi_jello import Box, Camera, Plane, Room, Rope, Scene, Sheet
+from taichi_jello.assembly import assembled
 from taichi_jello.view.camera import FAR, NEAR, Viewpoint
 
 PLACES = [
@@ -54,3 +58,32 @@ def test_pan_follows_the_picture_and_zoom_the_distance():
     assert view.distance == pytest.approx(2.0)
     view.reset()
     assert np.allclose(view.eye, [0.0, 1.0, 4.0])
+
+
+def shown(scene, size=(1280, 720)):
+    """Where the jellos' points are in the scene's first picture, from -1 to 1 along each side."""
+    body = assembled(scene)
+    view = Viewpoint.first(scene, body)
+    return view, 2.0 * view.project(body.x, size) / size - 1.0
+
+
+def test_a_scene_without_a_camera_is_in_its_picture():
+    high = (Sheet(position=(0.0, 2.3, 0.0)), Rope(position=(0.0, 2.8, 1.0)))
+    for jello in (high, (Box(position=(40.0, 3.0, 0.0)),), high[:1]):
+        scene = Scene(jello=jello, collider=[Plane()])
+        view, places = shown(scene)
+        assert np.abs(places).max() < 0.9
+        below = assembled(scene).x.mean(0)[None] * [1.0, 0.0, 1.0]  # where it falls
+        assert np.abs(2.0 * view.project(below, (1280, 720)) / (1280, 720) - 1.0).max() < 1.0
+    room = Room(min=(-2.0, -2.0, -2.0), max=(2.0, 2.0, 2.0))
+    view, _ = shown(Scene(jello=[Box()], collider=[room]))
+    corners = view.project(np.array(list(itertools.product((-2.0, 2.0), repeat=3))), (1280, 720))
+    fill = np.abs(2.0 * corners / (1280, 720) - 1.0).max()
+    assert 0.8 < fill < 0.9
+
+
+def test_a_camera_that_is_given_or_shows_all_stays():
+    own = Camera(eye=(0.0, 0.0, 1.0), target=(0.0, 0.0, 0.0))
+    for camera, height in ((own, 2.8), (Camera(), 0.8)):
+        view, _ = shown(Scene(jello=[Box(position=(0.0, height, 0.0))], collider=[Plane()], camera=camera))
+        assert view.eye == pytest.approx(camera.eye) and view.target == pytest.approx(camera.target)
