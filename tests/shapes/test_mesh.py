@@ -178,3 +178,11 @@ def test_a_scene_file_looks_beside_itself(tmp_path, monkeypatch):
     scene = sceneio.load(written(tmp_path, text, "scene.toml"))
     monkeypatch.chdir("/")
     assert len(scene.jello[0].body().skin) >= 320
+
+
+@pytest.mark.parametrize("form", ["obj", "stl", "ply", "glb"])
+def test_a_file_cut_short_is_told_as_one(form, saved, tmp_path):
+    whole = (tmp_path / saved(trimesh.creation.torus(1.0, 0.35), f"torus.{form}")).read_bytes()
+    told = problem(file=written(tmp_path, whole[: len(whole) // 2], f"cut.{form}"))
+    assert f"expected a mesh in {form.upper()} format, it is cut short or of another kind" in told
+    assert "No module" not in told
