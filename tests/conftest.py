@@ -1,5 +1,6 @@
 """Options and fixtures for all tests: `pytest --arch cuda` runs the suite on another Taichi arch."""
 
+import signal
 import subprocess
 import sys
 
@@ -7,6 +8,9 @@ import pytest
 
 from taichi_jello import runtime
 from taichi_jello.physics.integrators import schemes
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what it runs in the background
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser):

@@ -64,12 +64,14 @@ def test_symplectic_euler_swings_at_its_own_exact_frequency(epsilon):
 
 
 def test_free_fall(scheme, epsilon):
-    """Second order and above: exact. Symplectic and backward Euler fall -g h² n(n+1)/2, Euler -g h² n(n-1)/2."""
+    """Second order and above: exact. Symplectic and backward Euler fall -g h² n(n+1)/2, Euler -g h² n(n-1)/2. BDF2
+    begins with a step of backward Euler, g h²/2 too far, from which 3 e(n+1) = 4 e(n) - e(n-1) leads to 3/4 g h²."""
     simulation = Simulation(Scene(jello=[Box(points=(1, 1, 1))]), method=scheme, substeps=4)
     n, h, g = 100, simulation.dt, 9.81
     simulation.step(n)
     late = g * h**2 * n * (n + 1) / 2
     fallen = {"euler": g * h**2 * n * (n - 1) / 2, "symplectic-euler": late, "backward-euler": late, "xpbd": late}
+    fallen["bdf2"] = g * (n * h) ** 2 / 2 + 0.75 * g * h**2 * (1.0 - 3.0**-n)
     exact = fallen.get(scheme, g * (n * h) ** 2 / 2)
     assert simulation.x[0, 1] == pytest.approx(-exact, abs=rounding(epsilon, n) * exact)
     assert simulation.v[0, 1] == pytest.approx(-g * n * h, rel=rounding(epsilon, n))
