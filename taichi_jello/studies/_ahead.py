@@ -14,7 +14,7 @@ from typing import Any
 from taichi_jello import runtime
 from taichi_jello.clock import StepWarning
 from taichi_jello.simulation import Simulation
-from taichi_jello.studies._cases import Case, built_in
+from taichi_jello.studies._cases import Case, default
 
 Rest = Callable[[], AbstractContextManager[Any]]
 
@@ -31,12 +31,12 @@ def begun(case: Case, method: str) -> Simulation:
 
 
 @contextmanager
-def compiling_ahead(arch: str, threads: int | None, methods: list[str]) -> Iterator[Rest]:
-    """Within, a helper compiles the built-in cases; what is given is a context in which it rests. There is none where
+def compiling_ahead(arch: str, threads: int | None, methods: list[str], quick: bool) -> Iterator[Rest]:
+    """Within, a helper compiles the default cases; what is given is a context in which it rests. There is none where
     a process cannot be stopped, or with a single core."""
     helper = None
     if hasattr(signal, "SIGSTOP") and len(runtime.usable_cores()) > 1:
-        words = [arch, str(threads or 0), ",".join(methods)]
+        words = [arch, str(threads or 0), ",".join(methods), *["quick"] * quick]
         command = [sys.executable, "-m", "taichi_jello.studies._ahead", *words]
         helper = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
@@ -58,9 +58,9 @@ def compiling_ahead(arch: str, threads: int | None, methods: list[str]) -> Itera
             helper.wait()
 
 
-def main(arch: str, threads: str, methods: str) -> None:
+def main(arch: str, threads: str, methods: str, quick: str = "") -> None:
     asked_by = os.getppid()
-    for number, case in enumerate(built_in(False).values()):
+    for number, case in enumerate(default(bool(quick))):
         for precision in ("f64", "f32"):
             if number == 0 and precision == "f64":
                 continue  # the study begins with these itself

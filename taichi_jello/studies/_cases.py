@@ -92,6 +92,12 @@ def built_in(quick: bool) -> dict[str, Case]:
     return {case.name: case for case in cases}
 
 
+def default(quick: bool) -> list[Case]:
+    """The cases of a study that is given none: all, or the smooth one."""
+    known = built_in(quick)
+    return [known["smooth"]] if quick else list(known.values())
+
+
 def case_of(scene: Scene, seconds: float | None) -> Case:
     """A scene as a case, for so many seconds, by default its first one."""
     frame = scene.solver.frame_dt

@@ -12,7 +12,7 @@ from taichi_jello import runtime
 from taichi_jello.physics.integrators import scheme, schemes
 from taichi_jello.simulation import Simulation
 from taichi_jello.studies._ahead import Rest, begun, compiling_ahead
-from taichi_jello.studies._cases import Case, built_in, case_of
+from taichi_jello.studies._cases import Case, built_in, case_of, default
 from taichi_jello.studies._report import headline, keep, machine, table, take
 from taichi_jello.studies._rolls import TIMINGS, Roll, one_point, time_in_turns
 from taichi_jello.studies._truth import Truth, truth
@@ -49,16 +49,17 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     precisions = ["f32"] if arch in ("vulkan", "metal") else ["f64", "f32"]
     plan = Plan(cases, methods, precisions, SECONDS[chosen.quick] / len(cases) / len(precisions))
     told: dict[str, Any] = machine() | {"arch": arch, "cases": []}
-    alone = len(cases) == 1 or arch != "cpu"
-    with nullcontext(nullcontext) if alone else compiling_ahead(arch, chosen.threads, methods) as rest:
+    alone = chosen.scene is not None or arch != "cpu"
+    ahead = nullcontext(nullcontext) if alone else compiling_ahead(arch, chosen.threads, methods, chosen.quick)
+    with ahead as rest:
         take(chosen, told, pieces(chosen, plan, rest, told), "accuracy", plan.pieces)
     return told
 
 
 def asked_for(chosen: argparse.Namespace) -> list[Case]:
-    known = built_in(chosen.quick)
     if chosen.scene is None:
-        return [known["smooth"]] if chosen.quick else list(known.values())
+        return default(chosen.quick)
+    known = built_in(chosen.quick)
     return [known[chosen.scene]] if chosen.scene in known else [case_of(chosen.load(), chosen.seconds)]
 
 

@@ -4,6 +4,7 @@ import argparse
 import json
 import signal
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -39,7 +40,8 @@ def shrink(patch, seconds):
     patch.setattr(accuracy, "SECONDS", {True: seconds})
     patch.setattr(accuracy, "RUNGS", 6)
     patch.setattr(accuracy, "LEAST_RUNGS", 6)
-    patch.setattr(accuracy, "built_in", lambda quick: {"smooth": small_smooth()})
+    patch.setattr(accuracy, "default", lambda quick: [small_smooth()])
+    patch.setattr(accuracy, "compiling_ahead", lambda *_: nullcontext(nullcontext))
 
 
 def asked(**options):
@@ -173,7 +175,10 @@ def test_a_helper_compiles_what_comes_next_and_rests_meanwhile(monkeypatch):
     ahead.main("cpu", "1", "rk4,verlet")
     known = [name for name in cases.built_in(False) for _ in range(4)]
     assert begun == list(zip(known, ["rk4", "verlet"] * 10, strict=True))[2:]
-    with ahead.compiling_ahead("cpu", 1, ["rk4"]) as rest:
+    begun.clear()
+    ahead.main("cpu", "1", "rk4,verlet", "quick")
+    assert begun == [("smooth", "rk4"), ("smooth", "verlet")]
+    with ahead.compiling_ahead("cpu", 1, ["rk4"], True) as rest:
         for _ in range(2):
             with rest():
                 pass
