@@ -282,7 +282,10 @@ def test_ctrl_c_leaves_a_film_that_plays(small, tmp_path):
     while not written(tmp_path) and time.monotonic() < until:
         time.sleep(0.05)
     running.send_signal(signal.SIGINT)
-    told = running.communicate(timeout=60)[1]
+    try:
+        told = running.communicate(timeout=60)[1]
+    finally:
+        running.kill()  # if it goes on, its 600 s must not slow the other tests
     assert running.returncode == 130 and len(told.splitlines()) == 1, told
     count = int(re.search(r"out.mp4 has the first (\d+) of 36000 frames", told)[1])
     times, _ = decoded(tmp_path / "out.mp4")

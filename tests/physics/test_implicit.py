@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from taichi_jello import Box, Contact, Keyframe, Plane, Region, Scene, Simulation, Snapshot
+from taichi_jello.assembly import assembled
+from taichi_jello.physics.solve.inner import fitting_grid
 from taichi_jello.physics.system import force_kinds
 
 STILL = (0.0, 0.0, 0.0)
@@ -154,3 +156,14 @@ def test_the_solve_goes_by_springs_as_stiff_as_they_are_now():
         inverse = integrator.solver.inner_solver.inverse.to_numpy()[:27, :27]
         found.append(np.linalg.inv(inverse) - np.diag(simulation.body.mass / dt**2))
     assert found[1] == pytest.approx(found[0] * 1.024e-3, rel=0.05, abs=1e-3)
+
+
+def test_a_small_jello_beside_a_large_one_has_no_more_nodes_than_points():
+    """Else nodes could move and no particle with them, and the coarse matrix could not be inverted: backward Euler then
+    ended after a pass, and fed energy."""
+    scene = Scene(jello=[Box(points=(6, 6, 6)), Box(points=(4, 4, 4), position=(2.0, 0.0, 0.0))])
+    body = assembled(scene)
+    nodes, weights, count = fitting_grid(body)
+    carried = np.zeros((len(body), count))
+    np.add.at(carried, (np.arange(len(body))[:, None], nodes), weights)
+    assert np.linalg.matrix_rank(carried) == count

@@ -26,20 +26,24 @@ CHUNK = 1 << 22  # numbers of a dense piece while PᵀLP is summed up
 
 
 def coarse_grid(body, cells):
-    """Nodes and trilinear weights, (N, 8) each, of grids over the rest shapes with `cells` along their longest sides;
-    nodes are counted through all jellos."""
+    """Nodes and trilinear weights, (N, 8) each, of grids over the rest shapes with `cells` along their longest sides,
+    or as many fewer as leave a jello no more nodes than particles, without which A꜀ would be singular; nodes are
+    counted through all jellos."""
     nodes, weights, count = np.zeros((len(body), 8), int), np.zeros((len(body), 8)), 0
     corners = np.array([[k >> 2, k >> 1 & 1, k & 1] for k in range(8)])
     for jello in range(int(body.jello[-1]) + 1):
         own = np.flatnonzero(body.jello == jello)
         rest = body.rest[own] - body.rest[own].min(0)
         extent = np.ptp(rest, axis=0)
-        along = np.maximum(np.round(cells * extent / (extent.max() or 1.0)), extent > 0.0).astype(int)
-        place = rest * np.divide(along, extent, out=np.zeros(3), where=extent > 0.0)
-        low = np.clip(place.astype(int), 0, np.maximum(along - 1, 0))
-        part = (place - low)[:, None]
-        corner = np.minimum(low[:, None] + corners, along)
-        found, which = np.unique(corner @ [(along[1] + 1) * (along[2] + 1), along[2] + 1, 1], return_inverse=True)
+        for its_cells in range(cells, 0, -1):
+            along = np.maximum(np.round(its_cells * extent / (extent.max() or 1.0)), extent > 0.0).astype(int)
+            place = rest * np.divide(along, extent, out=np.zeros(3), where=extent > 0.0)
+            low = np.clip(place.astype(int), 0, np.maximum(along - 1, 0))
+            part = (place - low)[:, None]
+            corner = np.minimum(low[:, None] + corners, along)
+            found, which = np.unique(corner @ [(along[1] + 1) * (along[2] + 1), along[2] + 1, 1], return_inverse=True)
+            if len(found) <= len(own):
+                break
         nodes[own] = count + which.reshape(-1, 8)
         weights[own] = np.where(corners, part, 1.0 - part).prod(2)
         count += len(found)
