@@ -22,28 +22,25 @@ NODES = 256  # of all coarse grids together, at most, unless one cell for each j
 CELLS = 4  # along the longest side of a jello, at most
 EVEN = 0.02  # of all that holds a particle, the least there is in a direction for one number to stand for its block
 ALIKE = 100.0  # times as much as another particle, the most that one is held for the same
+APART = 1e-3  # of what a node carries, is moved by it alone
 CHUNK = 1 << 22  # numbers of a dense piece while PᵀLP is summed up
 
 
 def coarse_grid(body, cells):
-    """Nodes and trilinear weights, (N, 8) each, of grids over the rest shapes with `cells` along their longest sides,
-    or as many fewer as leave a jello no more nodes than particles, without which A꜀ would be singular; nodes are
-    counted through all jellos."""
+    """Nodes and trilinear weights, (N, 8) each, of grids over the rest shapes with `cells` along their longest sides;
+    nodes are counted through all jellos."""
     nodes, weights, count = np.zeros((len(body), 8), int), np.zeros((len(body), 8)), 0
     corners = np.array([[k >> 2, k >> 1 & 1, k & 1] for k in range(8)])
     for jello in range(int(body.jello[-1]) + 1):
         own = np.flatnonzero(body.jello == jello)
         rest = body.rest[own] - body.rest[own].min(0)
         extent = np.ptp(rest, axis=0)
-        for its_cells in range(cells, 0, -1):
-            along = np.maximum(np.round(its_cells * extent / (extent.max() or 1.0)), extent > 0.0).astype(int)
-            place = rest * np.divide(along, extent, out=np.zeros(3), where=extent > 0.0)
-            low = np.clip(place.astype(int), 0, np.maximum(along - 1, 0))
-            part = (place - low)[:, None]
-            corner = np.minimum(low[:, None] + corners, along)
-            found, which = np.unique(corner @ [(along[1] + 1) * (along[2] + 1), along[2] + 1, 1], return_inverse=True)
-            if len(found) <= len(own):
-                break
+        along = np.maximum(np.round(cells * extent / (extent.max() or 1.0)), extent > 0.0).astype(int)
+        place = np.round(rest * np.divide(along, extent, out=np.zeros(3), where=extent > 0.0), 6)  # on nodes, if near
+        low = np.clip(place.astype(int), 0, np.maximum(along - 1, 0))
+        part = (place - low)[:, None]
+        corner = np.minimum(low[:, None] + corners, along)
+        found, which = np.unique(corner @ [(along[1] + 1) * (along[2] + 1), along[2] + 1, 1], return_inverse=True)
         nodes[own] = count + which.reshape(-1, 8)
         weights[own] = np.where(corners, part, 1.0 - part).prod(2)
         count += len(found)
@@ -139,6 +136,8 @@ class TwoLevel:
                 total[:] += (dense * scale[piece, None]).T @ dense
 
         add(self.nodes, self.weights, self.body.mass / c**2)
+        # What moves nodes and no particle, as where few particles lie between them, has no mass: alone a singular A꜀.
+        total[np.diag_indices(m)] *= 1.0 + APART
         add(np.hstack([self.nodes[i], self.nodes[j]]), np.hstack([self.weights[i], -self.weights[j]]), weight)
         empty = np.diag(total) == 0.0
         total[empty, empty] = 1.0
