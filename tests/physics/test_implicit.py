@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from taichi_jello import Ball, Box, Contact, Keyframe, Plane, Region, Scene, Sheet, Simulation, Snapshot
-from taichi_jello.physics.solve.inner import APART
 from taichi_jello.physics.system import force_kinds
 
 STILL = (0.0, 0.0, 0.0)
@@ -159,14 +158,11 @@ def test_the_solve_goes_by_springs_as_stiff_as_they_are_now():
 
 @pytest.mark.parametrize("jello", [Box(points=(6, 3, 6)), Ball(resolution=5), Sheet(points=(9, 4))])
 def test_nodes_of_the_coarse_grid_that_move_no_particles(jello):
-    """Few particles between two nodes leave some motion of the nodes without mass. The coarse matrix could then not be
-    inverted: backward Euler ended after a pass, and fed energy."""
+    """As where there are few between two nodes. The coarse matrix could not be inverted then: backward Euler ended
+    after a pass, and fed energy."""
     simulation = Simulation(Scene(jello=[jello]), method="backward-euler")
     integrator, dt = simulation.system.integrator, simulation.dt
     integrator.prepare(simulation.system, dt)
     coarse = integrator.solver.inner_solver
     inverse = coarse.inverse.to_numpy()[: coarse.count, : coarse.count]
-    carried = np.zeros(coarse.count)
-    np.add.at(carried, coarse.nodes, coarse.weights**2 * simulation.body.mass[:, None])
-    stays = np.linalg.eigvalsh(inverse)
-    assert stays[0] > 0.0 and stays[-1] <= (1.0 + 1e-6) * dt**2 / (APART * carried[carried > 0.0].min())
+    assert np.linalg.cond(inverse) < 1e-3 / np.finfo(np.float32).eps  # three digits of it are right in float32

@@ -22,7 +22,7 @@ NODES = 256  # of all coarse grids together, at most, unless one cell for each j
 CELLS = 4  # along the longest side of a jello, at most
 EVEN = 0.02  # of all that holds a particle, the least there is in a direction for one number to stand for its block
 ALIKE = 100.0  # times as much as another particle, the most that one is held for the same
-APART = 1e-3  # of what a node carries, is moved by it alone
+APART = 1e-5  # of the most that nodes move particles, the least to count as moving them
 CHUNK = 1 << 22  # numbers of a dense piece while PᵀLP is summed up
 
 
@@ -36,7 +36,7 @@ def coarse_grid(body, cells):
         rest = body.rest[own] - body.rest[own].min(0)
         extent = np.ptp(rest, axis=0)
         along = np.maximum(np.round(cells * extent / (extent.max() or 1.0)), extent > 0.0).astype(int)
-        place = np.round(rest * np.divide(along, extent, out=np.zeros(3), where=extent > 0.0), 6)  # on nodes, if near
+        place = rest * np.divide(along, extent, out=np.zeros(3), where=extent > 0.0)
         low = np.clip(place.astype(int), 0, np.maximum(along - 1, 0))
         part = (place - low)[:, None]
         corner = np.minimum(low[:, None] + corners, along)
@@ -54,6 +54,24 @@ def fitting_grid(body):
         if grid[2] <= min(NODES, len(body)):
             break
     return grid
+
+
+def products(m, nodes, weights, scales):
+    """Σ scale pᵀp (m, m) of the rows p that have these weights at these nodes."""
+    total = np.zeros((m, m))
+    for part in range(0, len(nodes), max(1, CHUNK // m)):
+        piece = slice(part, part + max(1, CHUNK // m))
+        rows = np.arange(len(nodes[piece]))[:, None] * m + nodes[piece]
+        dense = np.bincount(rows.ravel(), weights[piece].ravel(), len(rows) * m).reshape(-1, m)
+        total += (dense * scales[piece, None]).T @ dense
+    return total
+
+
+def unmoving(m, nodes, weights):
+    """(m, m): projection onto the motions of nodes that move no free particle, as where there are few between nodes."""
+    moved, motions = np.linalg.eigh(products(m, nodes, weights, np.ones(len(nodes))))
+    none = motions[:, moved <= APART * moved[-1]]
+    return np.round(none @ none.T, 9)  # that no rounding ties one jello's nodes to another's
 
 
 def held_evenly(body):
@@ -82,6 +100,7 @@ class TwoLevel:
         self.memory, self.body = memory, body
         self.by_blocks = not held_evenly(body)
         self.nodes, self.weights, self.count = fitting_grid(body)
+        self.unmoving = unmoving(self.count, self.nodes, self.weights)
         self.passes = -(-self.count // VECTORS)
         padded = self.passes * VECTORS
         particle, corner = np.nonzero(self.weights)
@@ -124,24 +143,11 @@ class TwoLevel:
         self.tied.from_numpy(tied)
 
     def coarse_matrix(self, c, i, j, weight):
-        """Pᵀ(M/c²)P + Σ weight (P_i - P_j)ᵀ(P_i - P_j); nodes that only pinned particles have stay by themselves."""
-        m = self.count
-        total = np.zeros((m, m))
-
-        def add(nodes, values, scale):
-            for part in range(0, len(nodes), max(1, CHUNK // m)):
-                piece = slice(part, part + max(1, CHUNK // m))
-                rows = np.arange(len(nodes[piece]))[:, None] * m + nodes[piece]
-                dense = np.bincount(rows.ravel(), values[piece].ravel(), len(rows) * m).reshape(-1, m)
-                total[:] += (dense * scale[piece, None]).T @ dense
-
-        add(self.nodes, self.weights, self.body.mass / c**2)
-        # What moves nodes and no particle, as where few particles lie between them, has no mass: alone a singular A꜀.
-        total[np.diag_indices(m)] *= 1.0 + APART
-        add(np.hstack([self.nodes[i], self.nodes[j]]), np.hstack([self.weights[i], -self.weights[j]]), weight)
-        empty = np.diag(total) == 0.0
-        total[empty, empty] = 1.0
-        return total
+        """Pᵀ(M/c²)P + Σ weight (P_i - P_j)ᵀ(P_i - P_j), and as stiff as its stiffest what moves no particle."""
+        ends = np.hstack([self.nodes[i], self.nodes[j]]), np.hstack([self.weights[i], -self.weights[j]])
+        total = products(self.count, self.nodes, self.weights, self.body.mass / c**2)
+        total += products(self.count, *ends, weight)
+        return total + (np.diag(total).max() or 1.0) * self.unmoving
 
     @ti.func
     def factor(self, system, i, B):
