@@ -9,6 +9,7 @@ from taichi_jello import interrupt
 
 with interrupt.put_off():  # Taichi's decorators lose it
     from taichi_jello.clock import StepWarning
+    from taichi_jello.diverged import Diverged
     from taichi_jello.keyframes import GravityKeyframe, Keyframe, Move
     from taichi_jello.physics.colliders.block import Block
     from taichi_jello.physics.colliders.plane import Plane
@@ -25,7 +26,7 @@ with interrupt.put_off():  # Taichi's decorators lose it
     from taichi_jello.shapes.ring import Ring
     from taichi_jello.shapes.rope import Rope
     from taichi_jello.shapes.sheet import Sheet
-    from taichi_jello.simulation import Diverged, Simulation, Snapshot
+    from taichi_jello.simulation import Simulation, Snapshot
 
 __all__ = [
     "Ball",

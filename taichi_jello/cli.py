@@ -16,12 +16,13 @@ from typing import Any
 import taichi_jello.sceneio as sceneio
 from taichi_jello import energy_plot, interrupt, runtime
 from taichi_jello.clock import steps_in
+from taichi_jello.diverged import Diverged
 from taichi_jello.options import options, studies
 from taichi_jello.progress import bar
 from taichi_jello.replay import Recorded, Replay, Replayed, ReplayError, playable
 from taichi_jello.scene import Scene, SceneError
 from taichi_jello.sceneio._table import changed
-from taichi_jello.simulation import Diverged, Simulation
+from taichi_jello.simulation import Simulation
 from taichi_jello.studies._report import FIGURES, Lacking, write_csv
 from taichi_jello.studies._report import write_json as write_figures
 from taichi_jello.trajectory import Trajectory, last_moment

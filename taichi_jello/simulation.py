@@ -1,10 +1,9 @@
-"""Simulation: a scene in motion. Clock, frames and substeps, snapshots, and what happens when numbers go bad."""
+"""Simulation: a scene in motion. Clock, frames and substeps, snapshots, the hand."""
 
 import contextlib
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -13,33 +12,12 @@ from taichi_jello import interrupt, runtime
 from taichi_jello.assembly import assembled
 from taichi_jello.body import Body
 from taichi_jello.clock import Clock, StepWarning, asked_step, asked_substeps, safe_substeps, steps_in
-from taichi_jello.physics.blame import Blame, Culprit
+from taichi_jello.diverged import diverged
 from taichi_jello.physics.choice import AUTO, Choice, choose
 from taichi_jello.physics.forces.grab import MOST, Hand, Held
 from taichi_jello.physics.ledger import Books
 from taichi_jello.physics.system import System
 from taichi_jello.scene import Scene, SceneError, vector
-
-
-class Diverged(RuntimeError):
-    """Numbers stopped being finite. The simulation is back at its last good state; `record` says what happened."""
-
-    def __init__(self, record: dict[str, Any], find: Callable[[], Culprit | None] = lambda: None):
-        self.record, self._find = record, find
-        super().__init__(record)
-
-    @cached_property
-    def culprit(self) -> Culprit | None:
-        """What grew first (see physics/blame.py), found when first asked for, which has to be before the simulation
-        goes on; None if it has, or if nothing is known."""
-        return self._find()
-
-    def __str__(self) -> str:
-        told = (
-            "the numbers went bad at {time:.6g} s: particle {particle} of jello {jello} first, "
-            "dt = {dt:.3g} s, safe dt = {safe_dt:.3g} s".format(**self.record)
-        )
-        return f"{told}; {self.culprit.told}" if self.culprit else told
 
 
 @dataclass(frozen=True)
@@ -213,7 +191,7 @@ class Simulation:
             works = self.system.ledger.take() if self.system.ledger else {}
             bad = self.system.keep_if_finite()
             if bad is not None:
-                self._fail(bad, part)
+                raise diverged(self, bad, part)
             if self._books:
                 self._books.add(works)
             self.clock.go_on(part)
@@ -227,38 +205,6 @@ class Simulation:
             if self._books and gained:
                 self._books.add({"handles": gained})
             self._begun = True
-
-    def _fail(self, particle: int, part: int) -> None:
-        failed = self.time + part * self.dt
-        self._forget_failure()
-        raise Diverged(
-            {
-                "time": failed,
-                "particle": particle,
-                "jello": int(self.body.jello[particle]),
-                "dt": self.dt,
-                "safe_dt": self.safe_dt,
-                "last_good_time": self.time,
-            },
-            partial(self._blame, self.snapshot(), self.clock.done, self.clock.done + part),
-        )
-
-    def _blame(self, good: Snapshot, first: int, last: int) -> Culprit | None:
-        """Go through the failed substeps once more, and back."""
-        now = self.snapshot()
-        if now.clock != good.clock or not np.array_equal(now.x, good.x):
-            return None
-        found = Blame(self).find(first, last)
-        if self.system.ledger:
-            self.system.ledger.take()
-        self._forget_failure()
-        return found
-
-    def _forget_failure(self) -> None:
-        """Nothing of bad numbers stays in what the method keeps from step to step."""
-        x, v = self.system.read()
-        self.system.write(x, v)
-        self.system.integrator.recall({})
 
     def snapshot(self) -> Snapshot:
         """A copy of this moment."""

@@ -305,14 +305,18 @@ class System:
                 for force in ti.static(self.booked[slot]):
                     out[i, slot] += force.energy(i, self.state.x, t)
 
-    def energies(self, t: float) -> dict[str, float]:
-        """Kinetic, elastic, gravity and contact energy [J] `t` seconds after the current frame began, summed over the
-        particles in float64."""
-        shares = np.zeros((self.count, len(ENERGIES)), self.memory.number)
+    def make_ready(self, t: float) -> None:
+        """Have the forces find in this state what they are to be asked for one by one."""
         for r in range(self.rounds):
             self._look(r)
         if self.prepared:
             self._prepare(t)
+
+    def energies(self, t: float) -> dict[str, float]:
+        """Kinetic, elastic, gravity and contact energy [J] `t` seconds after the current frame began, summed over the
+        particles in float64."""
+        shares = np.zeros((self.count, len(ENERGIES)), self.memory.number)
+        self.make_ready(t)
         self._energy_shares(t, shares)
         told = dict(zip(ENERGIES, shares.sum(0, dtype=np.float64).tolist(), strict=True))
         if self.origin.any() and "gravity" in self.tuning:

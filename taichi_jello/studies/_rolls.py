@@ -11,8 +11,9 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.clock import StepWarning
+from taichi_jello.diverged import Diverged
 from taichi_jello.physics.solve.newton import ACCURACY
-from taichi_jello.simulation import Diverged, Simulation
+from taichi_jello.simulation import Simulation
 from taichi_jello.studies._cases import Case
 from taichi_jello.studies._truth import Truth, rms, roll_out
 

@@ -14,10 +14,11 @@ import numpy as np
 
 from taichi_jello import runtime, sceneio
 from taichi_jello.clock import StepWarning
+from taichi_jello.diverged import Diverged
 from taichi_jello.physics.integrators import scheme, schemes
 from taichi_jello.progress import bar
 from taichi_jello.scene import Scene, SceneError
-from taichi_jello.simulation import Diverged, Simulation, Snapshot
+from taichi_jello.simulation import Simulation, Snapshot
 from taichi_jello.studies._report import Lacking, headline, machine, table, take
 from taichi_jello.words import plain
 

@@ -12,11 +12,12 @@ import numpy as np
 from taichi_jello import runtime
 from taichi_jello.body import Body
 from taichi_jello.clock import StepWarning
+from taichi_jello.diverged import Diverged
 from taichi_jello.physics.bounds import stable_limit
 from taichi_jello.physics.integrators import scheme, schemes
 from taichi_jello.scene import Scene
 from taichi_jello.shapes.lattice import Box
-from taichi_jello.simulation import Diverged, Simulation, Snapshot
+from taichi_jello.simulation import Simulation, Snapshot
 from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
 
 POINTS = (4, 4, 4)

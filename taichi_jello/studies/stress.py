@@ -11,10 +11,10 @@ import numpy as np
 
 from taichi_jello import runtime
 from taichi_jello.clock import StepWarning
+from taichi_jello.diverged import Diverged
 from taichi_jello.physics.choice import AUTO
 from taichi_jello.physics.integrators import scheme, schemes
 from taichi_jello.scene import SceneError
-from taichi_jello.simulation import Diverged
 from taichi_jello.studies._extremes import CASES, Extreme
 from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
 

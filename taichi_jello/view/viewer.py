@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from taichi_jello.diverged import Diverged
 from taichi_jello.physics.blame import Culprit
 from taichi_jello.replay import ReplayOver
 from taichi_jello.scene import COLORS, SHOWS, Scene
-from taichi_jello.simulation import Diverged, Simulation
+from taichi_jello.simulation import Simulation
 from taichi_jello.view.actions import KEYS
 from taichi_jello.view.camera import Viewpoint
 from taichi_jello.view.drawing import HIDDEN, Drawing

@@ -44,10 +44,13 @@ def test_a_contact_too_stiff_is_named():
     assert found.what == "contact" and "contact on particle" in found.told and found.newtons > 100.0
 
 
-def test_a_force_that_is_no_number_is_named():
+@pytest.mark.parametrize("others", [[], [Box(points=(2, 2, 2), position=(5.0, 0.0, 0.0))]])
+def test_a_force_that_is_no_number_is_named(others):
+    """Also where jellos can touch."""
+
     def broken(x, v, t):
         return x / (x[0] - x[0])
 
-    scene = Scene(jello=[Box(points=(2, 1, 1))], force=[CallableField(function=broken)])
+    scene = Scene(jello=[Box(points=(2, 2, 2)), *others], force=[CallableField(function=broken)])
     found = failure(Simulation(scene, method="symplectic-euler", dt=1e-3))
     assert found.what == "force" and "the callable field on particle 0 of jello 0 is no number" in found.told

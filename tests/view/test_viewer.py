@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from still import Still, grab_at
 
+from taichi_jello.diverged import Diverged
 from taichi_jello.physics.blame import Culprit
 from taichi_jello.physics.integrators import schemes
 from taichi_jello.scene import COLORS, SHOWS
-from taichi_jello.simulation import Diverged
 from taichi_jello.view import palette
 from taichi_jello.view.actions import HELP, KEYS, WIND
 from taichi_jello.view.legend import LEAST, legend
