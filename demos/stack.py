@@ -24,7 +24,7 @@ def scene() -> Scene:
         seconds=5.0,
         jello=[*cubes, ball],
         collider=[Plane()],
-        contact=Contact(stiffness=450.0, damping=0.3, friction=0.6),
+        contact=Contact(stiffness=700.0, damping=0.5, friction=0.6),
         solver=Solver(method="rk4"),
         camera=Camera(eye=(1.3, 1.5, 2.6), target=(0.0, 0.68, 0.0)),
     )

@@ -7,7 +7,7 @@ __version__ = "0.1.0"
 
 from taichi_jello import interrupt
 
-with interrupt.put_off():  # Taichi's decorators lose it
+with interrupt.importing():
     from taichi_jello.clock import StepWarning
     from taichi_jello.diverged import Diverged
     from taichi_jello.keyframes import GravityKeyframe, Keyframe, Move

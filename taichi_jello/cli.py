@@ -303,18 +303,17 @@ def do_study(chosen: argparse.Namespace) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Run one command. Exit status: 0 done, 2 a mistake in the call or the scene, 3 the numbers went bad."""
     warnings.showwarning = lambda message, *_, **__: print(f"jello: warning: {message}", file=sys.stderr)
-    arguments = sys.argv[1:] if arguments is None else arguments
-    parser = options()
-    chosen = parser.parse_args(arguments if arguments else ["play"])
-    if chosen.command is None:
-        parser.error("expected a command")
     with interrupt.heeded():
-        return obeyed(chosen)
+        return obeyed(sys.argv[1:] if arguments is None else arguments)
 
 
-def obeyed(chosen: argparse.Namespace) -> int:
+def obeyed(arguments: list[str]) -> int:
     """Do what was asked for. Returns the exit status."""
     try:
+        parser = options()
+        chosen = parser.parse_args(arguments if arguments else ["play"])
+        if chosen.command is None:
+            parser.error("expected a command")
         globals()[f"do_{chosen.command}"](chosen)
     except ReplayError as error:
         print(f"jello: --replay {error}", file=sys.stderr)

@@ -6,6 +6,7 @@ well as raised, and whatever goes on for long looks for the note once a frame.
 """
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -71,3 +72,26 @@ def put_off() -> Iterator[None]:
     with _handled(_note):
         yield
         look()
+
+
+@contextmanager
+def importing() -> Iterator[None]:
+    """Within, modules are imported: Ctrl-C is put off, since Taichi's decorators lose it. If nobody catches it then, it
+    ends the program with one line and status 130."""
+    try:
+        with put_off():
+            yield
+    except KeyboardInterrupt:
+        sys.excepthook = _in_one_line
+        raise
+
+
+def _in_one_line(kind: type[BaseException], error: BaseException, trace: Any) -> None:
+    """As sys.excepthook, for KeyboardInterrupt."""
+    sys.excepthook = sys.__excepthook__
+    if not issubclass(kind, KeyboardInterrupt):
+        sys.__excepthook__(kind, error, trace)
+        return
+    print("jello: stopped while it was starting", file=sys.stderr)
+    if not hasattr(sys, "ps1"):  # at a prompt Python goes on
+        raise SystemExit(130)

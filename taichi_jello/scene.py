@@ -71,8 +71,8 @@ class Contact(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Camera(Checked):
-    """Where a picture is taken from: the eye, the point looked at [m] and the vertical field of view [degrees]; and
-    what is shown of jellos, and by the springs' colour."""
+    """Where a picture is taken from: the eye, the point looked at [m] and the vertical field of view [degrees] of a
+    picture of 16:9, as wide as which narrower ones see; and what is shown of jellos, and by the springs' colour."""
 
     eye: Vector = (2.6, 1.9, 3.6)
     target: Vector = (0.0, 0.6, 0.0)
@@ -173,7 +173,8 @@ class Jello(Checked):
 
     position [m] of its centre, rotation [degrees about x, then y, then z], velocity [m/s], spin [rad/s],
     mass [kg] of the whole, stiffness [N/m] and damping [N·s/m] of each spring or a table by family. In their places a
-    solid may have a Young's modulus young [Pa], a density [kg/m³] and a damping_ratio: see taichi_jello.elastic.
+    solid may have a Young's modulus young [Pa], a density [kg/m³] and a damping_ratio: see taichi_jello.elastic. Both
+    of a pair are refused (in Python only if what is replaced differs from its default).
     creep [1/s]: the rate at which its springs' rest lengths follow their lengths; yield_strain: the strain beyond which
     the rest lengths follow at once; tear_strain: that at which a spring breaks, of the length it was made or frozen
     with; 0: never.

@@ -2,6 +2,7 @@
 
 import contextlib
 import signal
+import sys
 
 import pytest
 
@@ -63,9 +64,13 @@ def test_a_study_keeps_what_it_has(simulation, monkeypatch):
     assert told == {"rows": [0, 1], "interrupted": True}
 
 
-def test_an_import_is_not_cut_in_two():
-    went_on = False
-    with pytest.raises(KeyboardInterrupt), interrupt.put_off():
+def test_an_import_is_not_cut_in_two_and_the_program_ends_in_one_line(capsys):
+    went_on, usual = False, sys.excepthook
+    with pytest.raises(KeyboardInterrupt) as stopped, interrupt.importing():
         signal.raise_signal(signal.SIGINT)
         went_on = True
     assert went_on
+    ends, sys.excepthook = sys.excepthook, usual
+    with pytest.raises(SystemExit) as left:
+        ends(stopped.type, stopped.value, stopped.tb)
+    assert left.value.code == 130 and capsys.readouterr().err == "jello: stopped while it was starting\n"

@@ -44,7 +44,7 @@ class Pictures:
     """Pictures of a simulation, (height, width, 3) uint8; close() when done."""
 
     def __init__(self, simulation: Any, size: tuple[int, int], renderer: str = "auto"):
-        self.simulation, self.drawing = simulation, drawing_of(simulation)
+        self.simulation, self.drawing = simulation, drawing_of(simulation, size)
         self.renderer = open_film_renderer(renderer, size)
 
     def take(self) -> np.ndarray:

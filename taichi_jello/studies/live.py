@@ -179,7 +179,7 @@ class Tiles:
         self.columns = ceil(sqrt(len(self.runs)))
         self.rows = ceil(len(self.runs) / self.columns)
         self.size = SIZE[0] // self.columns, SIZE[1] // self.rows
-        self.drawings = [drawing_of(run.simulation) for run in self.runs]
+        self.drawings = [drawing_of(run.simulation, self.size) for run in self.runs]
         for drawing in self.drawings:
             drawing.hidden.add("skin")  # the springs carry the colour
         self.renderer = open_renderer("auto", self.size)

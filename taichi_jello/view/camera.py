@@ -13,7 +13,7 @@ FAR = 1000.0  # m
 STEEPEST = 0.995  # the sine of the steepest view up or down: at 1 the picture would spin about its own axis
 UP = np.array([0.0, 1.0, 0.0])
 FILLED = 0.85  # of the picture's half height and width, by what a view is fitted to
-ASPECT = 16.0 / 9.0
+ASPECT = 16.0 / 9.0  # of the pictures that cameras are set up for
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
@@ -34,31 +34,35 @@ class Viewpoint:
         self._start = (self.eye.copy(), self.target.copy())
 
     @classmethod
-    def of(cls, camera: Camera) -> "Viewpoint":
-        """The viewpoint that a scene asks for."""
-        return cls(np.array(camera.eye), np.array(camera.target), camera.fov)
+    def of(cls, camera: Camera, aspect: float = ASPECT) -> "Viewpoint":
+        """The viewpoint that a scene asks for. A picture narrower than 16:9 shows as much across as one of 16:9, and
+        more above and below."""
+        fov = camera.fov
+        if aspect < ASPECT:
+            fov = 2.0 * float(np.degrees(np.arctan(np.tan(np.radians(fov) / 2.0) * ASPECT / aspect)))
+        return cls(np.array(camera.eye), np.array(camera.target), fov)
 
     @classmethod
-    def first(cls, scene: Scene, body: Body) -> "Viewpoint":
+    def first(cls, scene: Scene, body: Body, aspect: float = ASPECT) -> "Viewpoint":
         """The scene's own; where it has none, and the usual one leaves jellos, rooms or the floor below jellos out of
-        the picture, one from the same side that shows them."""
-        view, usual = cls.of(scene.camera), Camera()
+        a picture `aspect` times as wide as high, one from the same side that shows them."""
+        view, usual = cls.of(scene.camera, aspect), Camera()
         if (scene.camera.eye, scene.camera.target) != (usual.eye, usual.target):
             return view
         corners = _corners(scene, body)
-        if view.way_to(corners, 1.0) <= 0.0:
+        if view.way_to(corners, 1.0, aspect) <= 0.0:
             return view
         middle = 0.5 * (corners.min(0) + corners.max(0))
         away = view.eye - view.target
         view = cls(middle + away, middle, view.fov)
-        return cls(view.eye + _unit(away) * view.way_to(corners, FILLED), middle, view.fov)
+        return cls(view.eye + _unit(away) * view.way_to(corners, FILLED, aspect), middle, view.fov)
 
-    def way_to(self, points: np.ndarray, filled: float) -> float:
+    def way_to(self, points: np.ndarray, filled: float, aspect: float) -> float:
         """How far [m] the eye has to go back until the points (n, 3) take at most `filled` of the picture's half height
         and width; negative where it may go nearer."""
         across, up, back = self.axes() @ (points - self.eye).T
         slope = filled * np.tan(np.radians(self.fov) / 2.0)
-        return float((back + np.maximum(np.abs(across) / ASPECT, np.abs(up)) / slope).max())
+        return float((back + np.maximum(np.abs(across) / aspect, np.abs(up)) / slope).max())
 
     def reset(self) -> None:
         """Back to where it was made."""

@@ -8,7 +8,7 @@ from taichi_jello.law import NOTHING, Memory, law_at
 from taichi_jello.scene import COLORS, SHOWS, Scene
 from taichi_jello.torn import parted
 from taichi_jello.view import palette
-from taichi_jello.view.camera import Viewpoint
+from taichi_jello.view.camera import ASPECT, Viewpoint
 from taichi_jello.view.embedded import Embedded
 from taichi_jello.view.primitives import Dots, Lines, Triangles
 from taichi_jello.view.shading import look_from
@@ -28,14 +28,15 @@ class Drawing:
     """What one scene looks like now. Parts that the scene lacks are None and cost nothing.
 
     `update` fills them for one moment and one viewpoint; `hidden` names the LAYERS that are left out: see `show`.
+    The first viewpoint is for a picture `aspect` times as wide as high.
     """
 
-    def __init__(self, scene: Scene, body: Body):
+    def __init__(self, scene: Scene, body: Body, aspect: float = ASPECT):
         self.scene, self.body, self.count = scene, body, len(body)
         self.hidden: set[str] = set()
         self.changing = any(jello.changes for jello in scene.jello)
         self.color = scene.camera.color
-        self.viewpoint = Viewpoint.first(scene, body)
+        self.viewpoint = Viewpoint.first(scene, body, aspect)
         self.surroundings = Surroundings(scene) if scene.collider else None
         solids = [] if self.surroundings is None else [s for s in self.surroundings.surfaces if not s.level]
         self._solids = solids

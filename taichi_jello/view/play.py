@@ -42,7 +42,7 @@ def play(
     that N goes to. Raises RuntimeProblem without a Vulkan driver or a screen. A film that is not ended then is ended
     and printed.
     """
-    viewer = Viewer(simulation, color, folder, make)
+    viewer = Viewer(simulation, color, folder, make, size)
     screen = Screen(size, simulation.scene.title or "jello", viewer.keep)
     screen.tell(viewer, "compiling ...")  # what draws
     before: float | None = None  # what took its time between two frames counts as none

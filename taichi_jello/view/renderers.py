@@ -54,10 +54,10 @@ def window_problem() -> str | None:
     return ggui.window_problem()
 
 
-def drawing_of(simulation: Any) -> Drawing:
-    """The drawing of a simulation: whatever has a scene, a body and snapshots."""
+def drawing_of(simulation: Any, size: tuple[int, int] = (1280, 720)) -> Drawing:
+    """The drawing of a simulation, whatever has a scene, a body and snapshots, for pictures of that size."""
     runtime.current()
-    return Drawing(simulation.scene, simulation.body)
+    return Drawing(simulation.scene, simulation.body, size[0] / size[1])
 
 
 def finished(
@@ -86,7 +86,7 @@ def picture(
     color: force, strain, family or plain, by default the scene's. For many pictures, keep a Drawing and a
     Renderer.
     """
-    drawing = drawing_of(simulation)
+    drawing = drawing_of(simulation, size)
     opened = open_renderer(renderer, size, samples)
     try:
         return finished(opened, drawing, simulation, color=color, legend=legend)
@@ -106,8 +106,8 @@ def film_strip(
 
     The simulation runs on to there."""
     seconds, start = simulation.scene.seconds if seconds is None else seconds, simulation.time
-    drawing = drawing_of(simulation)
     width, height = size[0] // columns, size[1] // columns
+    drawing = drawing_of(simulation, (width, height))
     strip = np.full((size[1], size[0], 3), 255, np.uint8)
     opened = open_renderer(renderer, (width, height))
     try:

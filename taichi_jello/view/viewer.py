@@ -41,11 +41,12 @@ class Viewer:
         color: str = "",
         folder: str | os.PathLike[str] = ".",
         make: Callable[[Scene], Any] = Simulation,
+        size: tuple[int, int] = (1280, 720),
     ):
         color = color or simulation.scene.camera.color
         if color not in COLORS:
             raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
-        self.pictures, self.size = Pictures(folder), (1280, 720)
+        self.pictures, self.size = Pictures(folder), size
         self.playlist = Playlist(make)
         self.paused = self.helping = self.panelled = self.leaving = False
         self.pace = Pace()
@@ -60,8 +61,8 @@ class Viewer:
     def play(self, simulation: Any) -> None:
         """Show this simulation from now on."""
         self.simulation, self.color = simulation, simulation.scene.camera.color
-        self.drawing: Drawing = drawing_of(simulation)
-        self.viewpoint = Viewpoint.first(simulation.scene, simulation.body)
+        self.drawing: Drawing = drawing_of(simulation, self.size)
+        self.viewpoint = Viewpoint.first(simulation.scene, simulation.body, self.size[0] / self.size[1])
         self.show = SHOWS.index(simulation.scene.camera.show)
         self.hand: Hand | None = None
         self.gauges = Gauges()

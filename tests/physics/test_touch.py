@@ -5,7 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_jello import Ball, Box, Contact, Pin, Plane, Rope, Scene, SceneError, Sheet, Simulation, Snapshot, runtime
+from taichi_jello import (
+    Ball,
+    Box,
+    Contact,
+    Pin,
+    Plane,
+    Rope,
+    Scene,
+    SceneError,
+    Sheet,
+    Simulation,
+    Snapshot,
+    runtime,
+    sceneio,
+)
 from taichi_jello.body import join
 from taichi_jello.explain import facts
 from taichi_jello.physics import neighbours
@@ -166,6 +180,38 @@ def test_a_stack_at_rest_has_no_gaps():
     under, over = high.reshape(4, 4, 4, 3)[:, 0], low.reshape(4, 4, 4, 3)[:, -1]
     inner = np.all(np.abs(under[..., [0, 2]] - over[..., [0, 2]].mean((0, 1))) < 0.4, axis=-1)
     assert np.abs(under[inner, 1] - over[1:3, 1:3, 1].mean()).max() < 0.05 / 3  # of the spacing
+
+
+def heights(x, triangles, columns, side):
+    """(C,) the least (side = -1) or greatest (1) height of a surface over each of the columns (C, 2); NaN where it is
+    not."""
+    a, b, c = (x[triangles[:, k]] for k in range(3))
+    u, w, p = (b - a)[:, [0, 2]], (c - a)[:, [0, 2]], columns[:, None] - a[:, [0, 2]]
+    twice = u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):  # of upright triangles
+        s = (p[..., 0] * w[:, 1] - p[..., 1] * w[:, 0]) / twice
+        t = (u[:, 0] * p[..., 1] - u[:, 1] * p[..., 0]) / twice
+    y = np.where((s >= 0.0) & (t >= 0.0) & (s + t <= 1.0), a[:, 1] + s * (b - a)[:, 1] + t * (c - a)[:, 1], np.nan)
+    found = side * np.where(np.isnan(y), -np.inf, side * y).max(1)
+    return np.where(np.isinf(found), np.nan, found)
+
+
+def test_the_demo_s_stack_at_rest_has_neither_overlaps_nor_gaps():
+    """By the surfaces as they are deformed, straight up and down: no way through an overlap is longer."""
+    simulation = Simulation(sceneio.load("stack"), method="backward-euler")  # which comes to rest sooner than RK4
+    simulation.advance(1.0)
+    assert simulation.energies()["kinetic"] < 1e-5
+    body, x = simulation.body, simulation.x.astype(float)
+    surfaces = [(x, body.bare_surface[body.jello[body.bare_surface[:, 0]] == j]) for j in range(3)]
+    surfaces.append((body.skin_points(x), body.skin))
+    columns = np.stack(np.meshgrid(*(np.arange(-0.55, 0.56, 0.011),) * 2), -1).reshape(-1, 2)
+    for low, high, spacing in ((0, 2, 0.1), (1, 2, 0.1), (2, 3, 0.5 / 6)):
+        apart = heights(*surfaces[high], columns, -1) - heights(*surfaces[low], columns, 1)
+        apart = apart[~np.isnan(apart)]
+        assert len(apart) > 100 and -0.05 * spacing < apart.min() < 0.0
+        if high < 3:  # a face that lies on a face
+            assert apart.max() < 0.05 * spacing
+    assert abs(min(x[:, 1])) < 0.05 * 0.1
 
 
 def test_an_embedded_skin_touches_where_it_is_and_keeps_momentum():

@@ -63,7 +63,7 @@ def test_pan_follows_the_picture_and_zoom_the_distance():
 def shown(scene, size=(1280, 720)):
     """Where the jellos' points are in the scene's first picture, from -1 to 1 along each side."""
     body = assembled(scene)
-    view = Viewpoint.first(scene, body)
+    view = Viewpoint.first(scene, body, size[0] / size[1])
     return view, 2.0 * view.project(body.x, size) / size - 1.0
 
 
@@ -80,6 +80,15 @@ def test_a_scene_without_a_camera_is_in_its_picture():
     corners = view.project(np.array(list(itertools.product((-2.0, 2.0), repeat=3))), (1280, 720))
     fill = np.abs(2.0 * corners / (1280, 720) - 1.0).max()
     assert 0.8 < fill < 0.9
+
+
+@pytest.mark.parametrize("size", [(600, 900), (300, 300), (2000, 400)])
+def test_a_picture_of_another_shape_holds_the_scene_as_well(size):
+    wide = (Rope(length=6.0, position=(0.0, 0.5, 0.0)),)
+    for jello in (wide, (Rope(length=6.0, rotation=(0.0, 0.0, 90.0), position=(0.0, 4.0, 0.0)),), (Box(),)):
+        assert np.abs(shown(Scene(jello=jello), size)[1]).max() < 0.9
+    own = Camera(eye=(0.0, 0.5, 9.0), target=(0.0, 0.5, 0.0))  # which holds the long rope at 16:9
+    assert np.abs(shown(Scene(jello=wide, camera=own), size)[1]).max() < 1.0
 
 
 def test_a_camera_that_is_given_or_shows_all_stays():
