@@ -18,6 +18,7 @@ from taichi_jello.physics.forces.springs import Springs
 from taichi_jello.physics.gather import reach
 from taichi_jello.physics.handles import Handles
 from taichi_jello.physics.integrators import scheme
+from taichi_jello.physics.integrators._base import Integrator
 from taichi_jello.physics.ledger import Ledger
 from taichi_jello.physics.particles import Particles
 from taichi_jello.physics.state import ALONE, Memory, State
@@ -36,15 +37,18 @@ def force_kinds() -> list[type[ParticleForce]]:
 
 @ti.data_oriented
 class System:
-    """All particles of `body` under the forces that `scene` needs, stepped by one scheme.
+    """All particles of `body` under the forces that `scene` needs, stepped by one scheme,
+    which `method` names or is.
 
     team: how many threads share the loop over a frame's substeps, each with its own particles, waiting for each other
     between the stages: the form for a CPU. 0: parallel tasks for every stage, the form for a GPU. All give the same
     bits; by default chosen by arch, threads and size.
     """
 
-    def __init__(self, scene: Scene, body: Body, *, method: str, team: int | None = None, ledger: bool = False):
-        Scheme = scheme(method)
+    def __init__(
+        self, scene: Scene, body: Body, *, method: str | type[Integrator], team: int | None = None, ledger: bool = False
+    ):
+        Scheme = scheme(method) if isinstance(method, str) else method
         owner = runtime.current()
         self.team = self._choose_team(owner, len(body)) if team is None else team
         self.memory = Memory(len(body), reach(body), owner)

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from taichi_jello.assembly import assembled
+from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.solve.inner import fitting_grid
-from taichi_jello.scene import Scene
+from taichi_jello.scene import Contact, Scene
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.studies._report import INSTALL, Lacking
 
@@ -43,7 +44,9 @@ class Landing:
             rotation=(10.0, 20.0, 5.0),
             velocity=(0.0, -5.0, 0.0),
         )
-        self.body = body = assembled(Scene(jello=[cube]))
+        touch = Contact(stiffness=GROUND, damping=0.0, friction=0.0)
+        self.scene = Scene(jello=[cube], collider=[Plane()], contact=touch, gravity=(0.0, -GRAVITY, 0.0))
+        self.body = body = assembled(self.scene)
         self.m, self.x, self.v = body.mass[:, None], body.x.copy(), body.v.copy()
         self.i, self.j = body.springs.T
         count = len(body.springs)

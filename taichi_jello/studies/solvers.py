@@ -1,5 +1,6 @@
 """Ways to solve backward Euler steps of a stiff cube that lands, in NumPy beside each other: passes over the springs
-and time until a step is as near to the converged one as asked for. What wins here is worth writing for a processor."""
+and time until a step is as near to the converged one as asked for. What wins here is worth writing for a processor. The
+program's own solve is measured too, beside itself with the plain preconditioner."""
 
 import argparse
 import time
@@ -10,10 +11,17 @@ from typing import Any
 
 import numpy as np
 
+from taichi_jello.studies._program import METHODS, Program
 from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
 from taichi_jello.studies._solvers import INNER, OUTER, STEP, Array, Inner, Landing, newton, turned, two_levels_added
 
+PROGRAM = "program's newton, f32"
 PLAIN = "blocks"  # of Newton's method alone, the measure for all others
+LOOKS = {
+    "newton": {"marker": "o", "linestyle": "-"},
+    "l-bfgs": {"marker": "^", "linestyle": "--", "markerfacecolor": "none"},
+    PROGRAM: {"marker": "s", "linestyle": ":"},
+}
 GOALS = (0.1, 0.01, 0.001)  # of the distance from the first guess to the converged step
 CONVERGED = 1e-5  # of the first Newton step
 SECONDS = 20.0  # after which a way is left where it is
@@ -63,6 +71,24 @@ class Way:
         self.passes[reached:] = self.seconds[reached:] = np.inf
 
 
+@dataclass
+class Own(Way):
+    """The program's own solve."""
+
+    program: Program = None  # type: ignore[assignment]
+
+    def solve(self, problem: Landing, guess: Array, converged: Array, most: int) -> None:
+        first, reached = rms(guess - converged), 0
+        for x, passes, seconds in self.program.iterates(problem):
+            while reached < len(GOALS) and rms(x - converged) <= GOALS[reached] * first:
+                self.passes[reached] += passes
+                self.seconds[reached] += seconds
+                reached += 1
+            if reached == len(GOALS) or passes >= most or seconds > SECONDS:
+                break
+        self.passes[reached:] = self.seconds[reached:] = np.inf
+
+
 def rms(d: Array) -> float:
     return float(np.sqrt(np.mean(np.einsum("nk,nk->n", d, d))))
 
@@ -71,7 +97,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """A row for each size, outer and inner way."""
     falls = FALLS[chosen.quick]
     told: dict[str, Any] = machine() | {"rows": [], "left_out": {}}
-    total = sum(len(fall.frames) * (1 + len(OUTER) * len(inner_ways(fall.points))) for fall in falls)
+    total = sum(len(fall.frames) * (1 + len(METHODS) + len(OUTER) * len(inner_ways(fall.points))) for fall in falls)
     take(chosen, told, (None for fall in falls for _ in compared(fall, told)), "solvers", total)
     return told
 
@@ -90,6 +116,10 @@ def compared(fall: Fall, told: dict[str, Any]) -> Iterator[None]:
         apply, numbers = INNER[name](problem)
         took = time.perf_counter() - began
         ways += [Way(outer, name, apply, took, numbers) for outer in OUTER]
+    for name in METHODS:
+        began = time.perf_counter()
+        program = Program(problem, name)
+        ways.append(Own(PROGRAM, name, None, time.perf_counter() - began, program.numbers, program=program))
     best = two_levels_added(problem)[0]
     for frame in range(fall.frames[-1] + 1):
         guess, _, _ = turned(problem.x, problem.m, STEP * problem.v, 1.0)
@@ -143,9 +173,12 @@ def text(told: dict[str, Any]) -> str:
             outer: min(((r["ms"]["1 %"], r["inner"]) for r in here if r["outer"] == outer), default=(np.inf, "none"))
             for outer in OUTER
         }
-        plain = next((r["ms"]["1 %"] for r in here if r["inner"] == PLAIN), np.inf)
+        plain = next((r["ms"]["1 %"] for r in here if (r["outer"], r["inner"]) == ("newton", PLAIN)), np.inf)
         told_best = ", ".join(f"{outer} with {inner} {ms:.3g} ms" for outer, (ms, inner) in best.items())
         said.append(f"{points}³, quickest to 1 %: {told_best}; plain Newton with {PLAIN} {plain:.3g} ms")
+        times = {r["inner"]: r["ms"]["1 %"] for r in here if r["outer"] == PROGRAM}
+        listed = ", ".join(f"{inner} {ms:.3g} ms" for inner, ms in times.items())
+        said.append(f"{points}³, the program to 1 %: {listed}, {times[PLAIN] / min(times.values()):.3g} times as quick")
     for size, names in told["left_out"].items():
         if names:
             said.append(f"{size}, left out as too large: {', '.join(names)}")
@@ -157,14 +190,13 @@ def plot(told: dict[str, Any], path: Path) -> None:
     figure = new_figure(7.0, 4.5)
     axes = figure.add_subplot()
     ways = [(o, i) for o in OUTER for i in [*INNER, PLAIN] if i != PLAIN or o == "newton"]
+    ways += [(PROGRAM, inner) for inner in METHODS]
     for outer, inner in ways:
         own = [r for r in told["rows"] if (r["outer"], r["inner"]) == (outer, inner)]
         axes.loglog(
             [r["points"] ** 3 for r in own],
             [r["ms"]["1 %"] for r in own],
-            marker="o" if outer == "newton" else "^",
-            linestyle="-" if outer == "newton" else "--",
-            markerfacecolor=None if outer == "newton" else "none",
+            **LOOKS[outer],
             color="k" if inner == PLAIN else f"C{[*INNER].index(inner)}",
             label=f"{outer}, {inner}",
         )

@@ -49,8 +49,9 @@ def test_a_turned_step_stretches_nothing():
 
 def test_exact_ways_agree_and_all_get_there(told):
     found = {(row["outer"], row["inner"]): list(row["passes"].values()) for row in told["rows"]}
-    assert len(found) == 11
+    assert len(found) == 13
     assert found["newton", "two levels added"][1] < found["newton", "blocks"][1]
+    assert found[solvers.PROGRAM, "two levels added"][1] < 0.5 * found[solvers.PROGRAM, "blocks"][1]
     for outer in solvers.OUTER:
         assert found[outer, "inverse"] == found[outer, "sparse factors"]
     assert all(np.isfinite(passes).all() and passes == sorted(passes) for passes in found.values())
@@ -59,6 +60,7 @@ def test_exact_ways_agree_and_all_get_there(told):
 def test_figures_become_a_page_lines_and_a_picture(told, tmp_path):
     page = solvers.text(told)
     assert "two levels added" in page and "4³, quickest to 1 %: newton with " in page
-    assert len(solvers.rows(told)) == 11
+    assert "4³, the program to 1 %: blocks " in page
+    assert len(solvers.rows(told)) == 13
     solvers.plot(told, tmp_path / "solvers.png")
     assert (tmp_path / "solvers.png").stat().st_size > 2000

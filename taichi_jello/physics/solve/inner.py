@@ -93,8 +93,56 @@ def ties(system, c):
 
 
 @ti.data_oriented
-class TwoLevel:
-    """s = (D⁻¹ + P A꜀⁻¹ Pᵀ) r. by_blocks: D is H's own; then `factor` is told these blocks before `apply`."""
+class Blocks:
+    """s = D⁻¹ r alone, D the 3×3 blocks on H's diagonal: the plain way, against which `jello study solvers` times the
+    program's. by_blocks: `factor` is told these blocks before `apply`. with_modes: what moves as a whole is added."""
+
+    by_blocks, with_modes = True, False
+
+    def __init__(self, memory, body):
+        self.memory = memory
+        self.factors = memory.vectors("solve", "factors", 2)
+
+    def prepare(self, system, c):
+        """Nothing here is constant."""
+
+    @ti.func
+    def factor(self, system, i, B):
+        """B = L diag(d) Lᵀ, as 1/d and what L has below its diagonal of ones. A pivot smaller than the rounding of what
+        it is left over from is that."""
+        least = ti.static(4.0 * self.memory.owner.epsilon)
+        a, b = B[5] / B[0], B[4] / B[0]
+        second = ti.max(B[1] - a * B[5], least * B[1])
+        e = (B[3] - a * B[4]) / second
+        third = ti.max(B[2] - b * B[4] - e * e * second, least * B[2])
+        pivots = ti.Vector([1.0 / B[0], 1.0 / second, 1.0 / third])
+        if ti.static(system.particles.pinned):
+            pivots *= system.particles.free[i]
+        self.factors[0, i], self.factors[1, i] = pivots, ti.Vector([a, b, e])
+
+    @ti.func
+    def divided(self, i, u):
+        """D⁻¹ u of particle i."""
+        pivots, L = self.factors[0, i], self.factors[1, i]
+        found = u
+        found[1] -= L[0] * found[0]
+        found[2] -= L[1] * found[0] + L[2] * found[1]
+        found *= pivots
+        found[1] -= L[2] * found[2]
+        found[0] -= L[0] * found[1] + L[1] * found[2]
+        return found
+
+    @ti.func
+    def apply(self, system, first, last, r, s):
+        for i in range(first, last):
+            s[i] = self.divided(i, r[i])
+
+
+@ti.data_oriented
+class TwoLevel(Blocks):
+    """s = (D⁻¹ + P A꜀⁻¹ Pᵀ) r."""
+
+    with_modes = True
 
     def __init__(self, memory, body):
         self.memory, self.body = memory, body
@@ -150,30 +198,11 @@ class TwoLevel:
         return total + (np.diag(total).max() or 1.0) * self.unmoving
 
     @ti.func
-    def factor(self, system, i, B):
-        """B = L diag(d) Lᵀ, as 1/d and what L has below its diagonal of ones. A pivot smaller than the rounding of what
-        it is left over from is that."""
-        least = ti.static(4.0 * self.memory.owner.epsilon)
-        a, b = B[5] / B[0], B[4] / B[0]
-        second = ti.max(B[1] - a * B[5], least * B[1])
-        e = (B[3] - a * B[4]) / second
-        third = ti.max(B[2] - b * B[4] - e * e * second, least * B[2])
-        pivots = ti.Vector([1.0 / B[0], 1.0 / second, 1.0 / third])
-        if ti.static(system.particles.pinned):
-            pivots *= system.particles.free[i]
-        self.factors[0, i], self.factors[1, i] = pivots, ti.Vector([a, b, e])
-
-    @ti.func
     def own(self, i, u):
         """D⁻¹ u of particle i."""
         found = u
         if ti.static(self.by_blocks):
-            pivots, L = self.factors[0, i], self.factors[1, i]
-            found[1] -= L[0] * found[0]
-            found[2] -= L[1] * found[0] + L[2] * found[1]
-            found *= pivots
-            found[1] -= L[2] * found[2]
-            found[0] -= L[0] * found[1] + L[1] * found[2]
+            found = self.divided(i, u)
         else:
             found *= self.diagonal[i]
         return found

@@ -17,7 +17,7 @@ from taichi_jello.physics.state import State
 DONE, PREPARE, EVALUATE, CONJUGATE = range(4)
 OFF, THERE, BEGIN, GO_ON, BACK, AT_REST = range(6)  # phases: what a turn has found out, in an order that is asked for
 # What the registers hold; every member of a team reads them, the first one writes.
-C, TIME, RHO, SLOPE, PART, ALPHA, BETA, TOLERANCE, STOP_AT, NOISE, STILL, GAIN, ACCURACY = range(13)
+C, TIME, RHO, SLOPE, PART, ALPHA, BETA, TOLERANCE, STOP_AT, NOISE, STILL, GAIN, ACCURACY, MOST = range(14)
 NOTHING, RESIDUAL, STEP = range(3)  # what is looked for beside a sum
 ROUNDS, INNER, TRIES, PHASE, EVALUATIONS, PRODUCTS = range(6)
 
@@ -30,13 +30,13 @@ class Newton:
     """Fields and turns of one solve. `start` is given z, w and c; then `turn` is repeated until `mode` is DONE.
 
     accuracy: it ends when a step moves no particle farther than this part of the first step, or than positions are
-    rounded; it may be changed before `prepare`. forcing: by how much conjugate gradients reduce the residual before
-    Newton goes on. rounds and inner: the most Newton steps, and products with H for each.
+    rounded; it may be changed before `prepare`. preconditioner: see inner.py. forcing: by how much conjugate gradients
+    reduce the residual before Newton goes on. rounds and inner: the most Newton steps, and products with H for each.
     """
 
     kinds = (PREPARE, EVALUATE, CONJUGATE)
 
-    def __init__(self, memory, body, accuracy, forcing=0.1, rounds=30, inner=200):
+    def __init__(self, memory, body, accuracy, preconditioner=TwoLevel, forcing=0.1, rounds=30, inner=200):
         self.memory, self.accuracy, self.forcing = memory, accuracy, forcing
         self.rounds, self.inner = rounds, inner
         self.at = State.made_in(memory, "solve")
@@ -48,8 +48,8 @@ class Newton:
         self.sums = memory.table("solve", "sums", np.zeros((memory.passes, 3)))
         self.mode = memory.table("solve", "mode", np.zeros(1, np.int32))
         self.counts = memory.table("solve", "counts", np.zeros(6, np.int32))
-        self.registers = memory.table("solve", "registers", np.zeros(13))
-        self.inner_solver = TwoLevel(memory, body)
+        self.registers = memory.table("solve", "registers", np.zeros(14))
+        self.inner_solver = preconditioner(memory, body)
         self.rigid = Rigid(memory, body)
 
     def prepare(self, system, c):
@@ -57,7 +57,7 @@ class Newton:
         self.inner_solver.prepare(system, c)
         # A rounding of x changes forces by Λ of it at most, and these move the particle by c² of that, or back.
         stiffness = system.bound.squared_frequency
-        self.registers[ACCURACY] = self.accuracy
+        self.registers[ACCURACY], self.registers[MOST] = self.accuracy, self.rounds
         self.registers[NOISE] = 2.0 * system.owner.epsilon * min(1.0, c * c * stiffness)
 
     @property
@@ -115,6 +115,7 @@ class Newton:
             self.at.x[i] = self.z[i] + c * self.base[i]
             self.q[i] = times(self.block, i, self.p[i])
         self.rigid.project(system, first, last, self.at.x, self.q)
+        self.rigid.aim(system, first, last, self.registers[PART])
         for i in range(first, last):
             way, self.d[i] = self.rigid.way(i, self.at.x, self.p, self.registers[PART])
             self.at.v[i] = self.base[i] + way / c
@@ -149,7 +150,7 @@ class Newton:
         elif (
             farthest == 0.0
             or not farthest < 1e30
-            or self.counts[ROUNDS] == self.rounds
+            or self.counts[ROUNDS] >= self.registers[MOST]
             or (self.counts[ROUNDS] > 0 and farthest <= self.registers[TOLERANCE])
         ):
             self.counts[PHASE] = AT_REST
@@ -215,10 +216,12 @@ class Newton:
     @ti.func
     def precondition(self, system, first, last):
         """s = (Q + A⁻¹) r, see rigid.py."""
-        self.rigid.project(system, first, last, self.at.x, self.r)
+        if ti.static(self.inner_solver.with_modes):
+            self.rigid.project(system, first, last, self.at.x, self.r)
         self.inner_solver.apply(system, first, last, self.r, self.s)
-        for i in range(first, last):
-            self.s[i] = self.s[i] + self.rigid.displacement(i, self.at.x)
+        if ti.static(self.inner_solver.with_modes):
+            for i in range(first, last):
+                self.s[i] = self.s[i] + self.rigid.displacement(i, self.at.x)
 
     @ti.func
     def choose_direction(self, system):

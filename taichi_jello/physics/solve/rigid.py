@@ -20,6 +20,7 @@ import taichi as ti
 from taichi_jello.physics.state import LANES
 
 MODES = 6
+ENTRIES = 21  # of a symmetric matrix of that size
 
 
 @ti.func
@@ -30,12 +31,25 @@ def times(block, i, u):
 
 
 @ti.func
-def turned(u, w):
-    """(R - I) u for R = exp([w]), Rodrigues' formula; sin and 1 - cos without cancellation where w is small."""
+def inertia_of(D, E, u):
+    """What a particle with the block B at u from the centre adds to ZᵀBZ = ((B, -B[u]), ([u]B, -[u]B[u])), [u] = u ×:
+    its ENTRIES."""
+    B = ti.Matrix([[D[0], E[2], E[1]], [E[2], D[1], E[0]], [E[1], E[0], D[2]]])
+    U = ti.Matrix([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
+    F = B @ U
+    G = U @ F
+    forces = [D[0], E[2], E[1], -F[0, 0], -F[0, 1], -F[0, 2], D[1], E[0], -F[1, 0], -F[1, 1], -F[1, 2], D[2]]
+    torques = [-F[2, 0], -F[2, 1], -F[2, 2], -G[0, 0], -G[0, 1], -G[0, 2], -G[1, 1], -G[1, 2], -G[2, 2]]
+    return ti.Vector(forces + torques)
+
+
+@ti.func
+def less_one(w):
+    """R - I for R = exp([w]), Rodrigues' formula; sin and 1 - cos without cancellation where w is small."""
     half = 0.5 * w.norm()
     a = ti.sin(half) / half if half > 1e-4 else 1.0 - half * half / 6.0
-    wu = w.cross(u)
-    return a * ti.cos(half) * wu + 0.5 * a * a * w.cross(wu)
+    W = ti.Matrix([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    return a * ti.cos(half) * W + 0.5 * a * a * (W @ W)
 
 
 @ti.data_oriented
@@ -58,7 +72,8 @@ class Rigid:
         self.center = memory.table("solve", "centres", np.zeros((jellos, 3)))
         self.inverse = memory.numbers("solve", "inverse of modes", (jellos, MODES, MODES))
         self.modes = memory.numbers("solve", "modes", (jellos, MODES))  # τ and ω that were asked for last
-        self.terms = memory.numbers("solve", "terms", (len(cuts), MODES * MODES))
+        self.turning = memory.numbers("solve", "turning", (jellos, MODES + 9))  # τ, ω and R - I of the step to go
+        self.terms = memory.numbers("solve", "terms", (len(cuts), ENTRIES))
         self.totals = memory.numbers("solve", "totals", (jellos, MODES * MODES))
 
     # Every function below is called by all members of a team, each for its particles first … last - 1.
@@ -84,20 +99,30 @@ class Rigid:
         system.wait_for_team()
         for k in range(self.first_chunk(first), self.first_chunk(last)):
             center = self.center[self.group[self.chunks[k][0]]]
-            for mode in range(MODES):
-                force, torque = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
-                axis = ti.Vector([float(mode % 3 == 0), float(mode % 3 == 1), float(mode % 3 == 2)])
-                for i in range(self.chunks[k][0], self.chunks[k][1]):
-                    rho = x[i] - center
-                    f = times(block, i, ti.select(mode < 3, axis, axis.cross(rho)))
-                    force += f
-                    torque += rho.cross(f)
-                self.keep(k, MODES * mode, force, torque)
-        self.add_up(system, first, last, MODES * MODES)
+            total = ti.Vector([0.0 for _ in range(ENTRIES)])
+            for i in range(self.chunks[k][0], self.chunks[k][1]):
+                total += inertia_of(block[0, i], block[1, i], x[i] - center)
+            for entry in ti.static(range(ENTRIES)):
+                self.terms[k, entry] = total[entry]
+        self.add_up(system, first, last, ENTRIES)
         for g in range(self.jellos):
             if first == 0 and last > 0:
+                self.spread(g)
                 self.invert(g)
         system.wait_for_team()
+
+    @ti.func
+    def spread(self, g):
+        """The matrix from its ENTRIES, which stand in its rows from the diagonal on."""
+        entry = ENTRIES
+        for k in range(MODES * MODES):
+            row, column = MODES - 1 - k // MODES, MODES - 1 - k % MODES
+            if column >= row:
+                entry -= 1
+                self.totals[g, MODES * row + column] = self.totals[g, entry]
+        for k in range(MODES * MODES):
+            if k % MODES < k // MODES:
+                self.totals[g, k] = self.totals[g, MODES * (k % MODES) + k // MODES]
 
     @ti.func
     def keep(self, k, at, force, torque):
@@ -176,15 +201,30 @@ class Rigid:
         return tau + omega.cross(x[i] - self.center[g])
 
     @ti.func
+    def aim(self, system, first, last, part):
+        """For `way`: this part of the modes that were asked for last, and how it turns. A step that would turn by more
+        than a radian, of a body that is almost a point for one, goes straight."""
+        for g in range(self.jellos):
+            if first == 0 and last > 0:
+                tau, omega = self.parts(g)
+                kept = ti.select(omega.norm() < 1.0, part, 0.0)
+                tau, omega = kept * tau, kept * omega
+                R = less_one(omega)
+                for row in ti.static(range(3)):
+                    self.turning[g, row], self.turning[g, 3 + row] = tau[row], omega[row]
+                    for column in ti.static(range(3)):
+                        self.turning[g, MODES + 3 * row + column] = R[row, column]
+        system.wait_for_team()
+
+    @ti.func
     def way(self, i, x, d, part):
-        """Where particle i goes from x by this part of the step d, as a displacement; and its direction there. A step
-        that would turn by more than a radian, of a body that is almost a point for one, goes straight."""
+        """Where particle i goes from x by this part of the step d, as a displacement; and its direction there."""
         g = self.group[i]
-        tau, omega = self.parts(g)
-        kept = ti.select(omega.norm() < 1.0, part, 0.0)
-        tau, omega = kept * tau, kept * omega
+        T = ti.Vector([self.turning[g, k] for k in range(MODES + 9)])
+        tau, omega = ti.Vector([T[0], T[1], T[2]]), ti.Vector([T[3], T[4], T[5]])
+        R = ti.Matrix([[T[6], T[7], T[8]], [T[9], T[10], T[11]], [T[12], T[13], T[14]]])
         rho = x[i] - self.center[g]
         e = part * d[i] - tau - omega.cross(rho)
-        straight, spun = e + turned(e, omega), turned(rho, omega)
+        straight, spun = e + R @ e, R @ rho
         direction = tau + omega.cross(rho + spun + straight) + straight
         return tau + straight + spun, direction
