@@ -57,7 +57,7 @@ def checked(file: str, points: np.ndarray, triangles: np.ndarray) -> tuple[np.nd
         raise SceneError("file", f"{file}: expected at most {MOST:,} triangles, got {len(triangles):,}; simplify it")
     if triangles.min() < 0 or triangles.max() >= len(points):
         raise SceneError("file", f"{file}: expected triangles over its {len(points)} points, got {triangles.max()}")
-    used = np.unique(triangles)
+    used = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(points)))
     bad = used[~np.isfinite(points[used]).all(1)]
     if len(bad):
         raise SceneError("file", f"{file}: expected finite numbers, point {bad[0]} is {points[bad[0]].tolist()}")
@@ -65,9 +65,10 @@ def checked(file: str, points: np.ndarray, triangles: np.ndarray) -> tuple[np.nd
     if extent == 0.0:
         raise SceneError("file", f"{file}: expected a mesh with a size, all its points are in one place")
     places = np.round((points[used] - points[used].min(0)) / (WELD * extent)).astype(np.int64)
-    _, first, which = np.unique(places, axis=0, return_index=True, return_inverse=True)
+    x, y, z = places.T  # up to 1 / WELD: 20 bits each
+    _, first, which = np.unique(x << 40 | y << 20 | z, return_index=True, return_inverse=True)
     renamed = np.zeros(len(points), np.int64)
-    renamed[used] = which.ravel()
+    renamed[used] = which
     triangles = renamed[triangles]
     a, b, c = triangles.T
     return points[used][first], triangles[(a != b) & (b != c) & (c != a)]

@@ -1,5 +1,7 @@
 """Which cells of a grid a surface passes through and which it encloses, in Taichi kernels."""
 
+from math import prod
+
 import numpy as np
 import taichi as ti
 
@@ -7,8 +9,8 @@ from taichi_jello import runtime
 
 Points = ti.types.ndarray(dtype=ti.f32, ndim=2)
 Triangles = ti.types.ndarray(dtype=ti.i32, ndim=2)
+Row = ti.types.ndarray(dtype=ti.i32, ndim=1)
 Grid = ti.types.ndarray(dtype=ti.i32, ndim=3)
-Votes = ti.types.ndarray(dtype=ti.i8, ndim=3)
 
 # Samples are taken this much beside the middles of cells' eighths, in cells: a ray through the very edge between two
 # triangles, or along one, is then as rare as for any other mesh.
@@ -28,51 +30,39 @@ def corner(points: ti.template(), triangles: ti.template(), t, k: ti.template())
 @ti.func
 def side(ax, ay, bx, by, px, py):
     """Twice the signed area of a, b, p: the same number with the opposite sign, to the bit, for b, a, p."""
-    swap = ax > bx or (ax == bx and ay > by)
-    if swap:
-        ax, ay, bx, by = bx, by, ax, ay
-    area = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
+    swap = (ax > bx) | ((ax == bx) & (ay > by))  # without branches: nobody can guess which way they go
+    lx, ly = ti.select(swap, bx, ax), ti.select(swap, by, ay)
+    hx, hy = ti.select(swap, ax, bx), ti.select(swap, ay, by)
+    area = (hx - lx) * (py - ly) - (hy - ly) * (px - lx)
     return ti.select(swap, -area, area)
 
 
 @ti.kernel
-def cross(points: Points, triangles: Triangles, both: ti.i32, crossings: Grid):
-    """Where the rays along z through all columns of samples leave (+1) or enter (-1) the surface: crossings[x, y, k]
-    counts those between the samples k - 1 and k. `points` in samples; both: count 1 either way."""
-    rows, columns, last = crossings.shape[0], crossings.shape[1], crossings.shape[2] - 1
+def cross(points: Points, triangles: Triangles, nx: ti.i32, ny: ti.i32, nz: ti.i32, both: ti.i32, crossings: Row):
+    """Where rays through all columns of nx by ny by nz samples leave (+1) or enter (-1) the surface, or the other way
+    round. For each of the three axes `crossings` has a table (k, i, j), i and j along the other two axes, which counts
+    those between the samples k - 1 and k of a ray along it. `points` in samples; both: count 1 either way."""
+    samples = ti.Vector([nx, ny, nz])
     ti.loop_config(block_dim=2048)
     for t in range(triangles.shape[0]):
-        ax, ay, az = points[triangles[t, 0], 0], points[triangles[t, 0], 1], points[triangles[t, 0], 2]
-        bx, by, bz = points[triangles[t, 1], 0], points[triangles[t, 1], 1], points[triangles[t, 1], 2]
-        cx, cy, cz = points[triangles[t, 2], 0], points[triangles[t, 2], 1], points[triangles[t, 2], 2]
-        left, right = ti.ceil(ti.min(ax, bx, cx), int), ti.floor(ti.max(ax, bx, cx), int)
-        low, high = ti.ceil(ti.min(ay, by, cy), int), ti.floor(ti.max(ay, by, cy), int)
-        for i in range(ti.max(left, 0), ti.min(right + 1, rows)):
-            for j in range(ti.max(low, 0), ti.min(high + 1, columns)):
-                x, y = ti.cast(i, ti.f32), ti.cast(j, ti.f32)
-                a, b, c = side(bx, by, cx, cy, x, y), side(cx, cy, ax, ay, x, y), side(ax, ay, bx, by, x, y)
-                up, down = a > 0.0 and b > 0.0 and c > 0.0, a < 0.0 and b < 0.0 and c < 0.0
-                if up or down:
-                    z = (a * az + b * bz + c * cz) / (a + b + c)
-                    k = ti.math.clamp(ti.ceil(z, int), 0, last)
-                    ti.atomic_add(crossings[i, j, k], ti.select(up or both == 1, 1, -1))
-
-
-@ti.kernel
-def vote(crossings: Grid, both: ti.i32, votes: Votes):
-    """+1 for samples inside, -1 for those outside; 0 along a ray that does not come out again: it found a hole."""
-    ti.loop_config(block_dim=16)
-    for i in range(votes.shape[0]):
-        for j in range(votes.shape[1]):
-            here = 0
-            for k in range(votes.shape[2]):
-                here += crossings[i, j, k]
-                inside = here % 2 != 0 if both == 1 else here != 0
-                votes[i, j, k] = ti.cast(ti.select(inside, 1, -1), ti.i8)
-            here += crossings[i, j, votes.shape[2]]
-            if here % 2 != 0 if both == 1 else here != 0:
-                for k in range(votes.shape[2]):
-                    votes[i, j, k] = ti.cast(0, ti.i8)
+        p, q, r = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        start = 0
+        for along in range(3):
+            u, v = ti.select(along == 0, 1, 0), ti.select(along == 2, 1, 2)
+            ax, ay, bx, by, cx, cy = points[p, u], points[p, v], points[q, u], points[q, v], points[r, u], points[r, v]
+            left, right = ti.ceil(ti.min(ax, bx, cx), int), ti.floor(ti.max(ax, bx, cx), int)
+            low, high = ti.ceil(ti.min(ay, by, cy), int), ti.floor(ti.max(ay, by, cy), int)
+            for i in range(ti.max(left, 0), ti.min(right + 1, samples[u])):
+                for j in range(ti.max(low, 0), ti.min(high + 1, samples[v])):
+                    x, y = ti.cast(i, ti.f32), ti.cast(j, ti.f32)
+                    a, b, c = side(bx, by, cx, cy, x, y), side(cx, cy, ax, ay, x, y), side(ax, ay, bx, by, x, y)
+                    up, down = ti.min(a, b, c) > 0.0, ti.max(a, b, c) < 0.0
+                    if up | down:
+                        z = (a * points[p, along] + b * points[q, along] + c * points[r, along]) / (a + b + c)
+                        k = ti.math.clamp(ti.ceil(z, int), 0, samples[along])
+                        place = start + (k * samples[u] + i) * samples[v] + j
+                        ti.atomic_add(crossings[place], ti.select(up or both == 1, 1, -1))
+            start += (samples[along] + 1) * samples[u] * samples[v]
 
 
 @ti.func
@@ -94,15 +84,16 @@ def mark(points: Points, triangles: Triangles, cells: Grid):
         a = corner(points, triangles, t, 0)
         b, c = corner(points, triangles, t, 1), corner(points, triangles, t, 2)
         first, last = ti.floor(ti.min(a, b, c) - SLACK, int), ti.floor(ti.max(a, b, c) + SLACK, int)
+        both_ends = (last - first).sum() < 2  # of two cells beside each other it has a corner in each
         normal = (b - a).cross(c - a)
         for i in range(ti.max(first[0], 0), ti.min(last[0] + 1, cells.shape[0])):
             for j in range(ti.max(first[1], 0), ti.min(last[1] + 1, cells.shape[1])):
                 for k in range(ti.max(first[2], 0), ti.min(last[2] + 1, cells.shape[2])):
-                    if cells[i, j, k] == 0:
+                    if cells[i, j, k] == 0:  # written once: what one thread writes another waits to read
                         middle = vec3(i, j, k) + 0.5
                         p, q, r = a - middle, b - middle, c - middle
                         apart = ti.abs(normal.dot(p)) > (0.5 + SLACK) * ti.abs(normal).sum()
-                        if not (apart or parted(p, q, r) or parted(q, r, p) or parted(r, p, q)):
+                        if both_ends or not (apart or parted(p, q, r) or parted(q, r, p) or parted(r, p, q)):
                             cells[i, j, k] = 1
 
 
@@ -112,6 +103,19 @@ def passed_through(points: np.ndarray, triangles: np.ndarray, shape: tuple[int, 
     cells = np.zeros(shape, np.int32)
     mark(points.astype(np.float32), triangles.astype(np.int32), cells)
     return cells > 0
+
+
+def votes_along(crossings: np.ndarray, both: bool) -> np.ndarray:
+    """+1 for samples inside, -1 for those outside; 0 along a ray that does not come out again: it found a hole. From a
+    table (k + 1, i, j) of `cross`, all columns at once."""
+    here, votes = np.zeros(crossings.shape[1:], np.int32), np.empty(crossings.shape, np.int8)
+    for passed, inside in zip(crossings, votes, strict=True):
+        here += passed
+        np.not_equal(here & 1 if both else here, 0, out=inside, casting="unsafe")
+    votes *= 2
+    votes -= 1
+    votes[:, votes[-1] > 0] = 0
+    return votes[:-1]
 
 
 def enclosed(points: np.ndarray, triangles: np.ndarray, shape: tuple[int, ...], signed: bool) -> np.ndarray:
@@ -124,22 +128,30 @@ def enclosed(points: np.ndarray, triangles: np.ndarray, shape: tuple[int, ...], 
     runtime.current()
     samples = tuple(2 * n for n in shape)
     places, faces = (2.0 * (points - ASIDE) - 0.5).astype(np.float32), triangles.astype(np.int32)
-    total = np.zeros(samples, np.int8)
-    for axis in range(3):
-        order = [(axis + 1) % 3, (axis + 2) % 3, axis]
-        columns = tuple(samples[k] for k in order)
-        crossings, votes = np.zeros((*columns[:2], columns[2] + 1), np.int32), np.zeros(columns, np.int8)
-        cross(np.ascontiguousarray(places[:, order]), faces, int(not signed), crossings)
-        vote(crossings, int(not signed), votes)
-        total += votes.transpose(np.argsort(order))
+    tables = [(axis, [k for k in range(3) if k != axis]) for axis in range(3)]
+    shapes = [(samples[axis] + 1, samples[u], samples[v]) for axis, (u, v) in tables]
+    crossings = np.zeros(sum(map(prod, shapes)), np.int32)
+    cross(places, faces, *samples, int(not signed), crossings)
+    total, starts = np.zeros(samples, np.int8), np.cumsum([0, *map(prod, shapes)])
+    for (axis, others), start, table in zip(tables, starts, shapes, strict=False):
+        votes = votes_along(crossings[start : start + prod(table)].reshape(table), not signed)
+        total += votes.transpose(np.argsort([axis, *others]))
     return total > 0
 
 
 def shares_around(inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """From what `enclosed` found: how much of each cell (n, m, l) is inside, and how much around each corner of cells
     (n+1, m+1, l+1)."""
-    own, around = inside.astype(np.float32), np.pad(inside, 1).astype(np.float32)
-    for axis in range(3):
-        own, around = (np.moveaxis(a, axis, 0) for a in (own, around))
-        own, around = (np.moveaxis(0.5 * (a[::2] + a[1::2]), 0, axis) for a in (own, around))
-    return own, around
+    return tuple(
+        sum(eighths[a::2, b::2, c::2] for a, b, c in np.ndindex(2, 2, 2)) / np.float32(8.0)
+        for eighths in (inside.view(np.int8), np.pad(inside, 1).view(np.int8))
+    )
+
+
+def voxelised(
+    points: np.ndarray, triangles: np.ndarray, shape: tuple[int, ...], signed: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The cells (n, m, l) bool of a grid of this shape that the surface meets or encloses, and `shares_around`; points
+    (V, 3) in cells, signed: see `enclosed`."""
+    fraction, within = shares_around(enclosed(points, triangles, shape, signed))
+    return passed_through(points, triangles, shape) | (fraction > 0.5), fraction, within

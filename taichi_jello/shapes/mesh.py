@@ -84,11 +84,9 @@ class Mesh(Jello):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The cells (n, m, l) that the surface meets or encloses; how much of each is inside, and of what is around
         each corner (n+1, m+1, l+1)."""
-        from taichi_jello.shapes._voxels import enclosed, passed_through, shares_around
+        from taichi_jello.shapes._voxels import voxelised
 
-        places = points / spacing + 0.5 * np.array(shape)
-        fraction, within = shares_around(enclosed(places, triangles, shape, signed))
-        return passed_through(places, triangles, shape) | (fraction > 0.5), fraction, within
+        return voxelised(points / spacing + 0.5 * np.array(shape), triangles, shape, signed)
 
     def _look_for_loose_parts(
         self, points: np.ndarray, triangles: np.ndarray, filled: np.ndarray, signed: bool

@@ -17,6 +17,7 @@ from taichi_jello.studies._verdict import fastest
 from taichi_jello.words import plain
 
 END = "<!-- end -->"
+LONG = ("stress",)  # whole they take a quarter of an hour: here always as with --quick
 GOALS = (1e-2, 1e-3, 1e-4, 1e-5)  # errors of the table's columns
 
 
@@ -62,7 +63,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--quick", action="store_true", help="reduced ladders")
     chosen = parser.parse_args(arguments)
     for name in chosen.only or known:
-        options = ["--json", str(chosen.folder / f"{name}.json"), *["--quick"] * chosen.quick]
+        options = ["--json", str(chosen.folder / f"{name}.json"), *["--quick"] * (chosen.quick or name in LONG)]
         if hasattr(known[name], "plot"):
             options += ["--plot", str(chosen.folder / f"{name}.png")]
         status = jello(["study", name, *options, *(["--method", chosen.method] if chosen.method else [])])

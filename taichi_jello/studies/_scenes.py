@@ -1,5 +1,5 @@
 """What single lattices at rest do not show of speed: stiff cubes that hit the ground, many jellos that touch each
-other, and a fine skin carried along."""
+other, a fine skin carried along, and a fine mesh filled with cells."""
 
 import time
 from dataclasses import dataclass
@@ -12,6 +12,8 @@ from taichi_jello.body import join
 from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.scene import Scene
 from taichi_jello.sceneio import load
+from taichi_jello.shapes._skin import split_edges
+from taichi_jello.shapes._voxels import voxelised
 from taichi_jello.shapes.ball import Ball, sphere
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Simulation
@@ -22,6 +24,7 @@ SECTION = 0.5  # s of a scene's time, the worst of which is told
 STIFF = ((8, 1e5), (8, 1e7), (16, 1e5), (16, 1e7))  # points a side; N/m with 8
 FINE = 0.04  # about the edges of the skin on a ball of radius 1: some 18 000 points
 CELLS = 16  # across the ball
+MESH, ACROSS = 0.034, 48  # edges of a ball's mesh that is voxelised, some 80 000 triangles, and cells across it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,9 +103,18 @@ def skin_row(arch: str, least: float, repeats: int) -> dict[str, Any]:
     return {"points": len(skin), "triangles": len(skin.index)} | {f"{k}_ms": 1e3 * s for k, s in seconds.items()}
 
 
+def voxel_row(arch: str, least: float, repeats: int) -> dict[str, Any]:
+    """Milliseconds in which a closed mesh's cells are found, of which they are filled and how far."""
+    runtime.start(arch)
+    points, triangles = split_edges(*sphere(FINE), MESH)
+    places = 0.5 * ACROSS * (points / np.ptp(points, axis=0).max() * 2.0 + 1.0)
+    seconds = spread(lambda: voxelised(places, triangles, (ACROSS,) * 3, True), least, repeats)
+    return {"triangles": len(triangles), "cells": ACROSS} | {f"{k}_ms": 1e3 * s for k, s in seconds.items()}
+
+
 def lines(told: dict[str, Any]) -> list[str]:
     """The same as text."""
-    crowd, skin = told.get("crowd"), told.get("skin")
+    crowd, skin, mesh = told.get("crowd"), told.get("skin"), told.get("voxels")
     found = [
         f"backward Euler, {row['n']}³ points, k = {row['stiffness']:.3g} N/m, thrown at the ground, a step a frame: "
         f"{row['times_real_time']:.1f} times real time"
@@ -117,5 +129,10 @@ def lines(told: dict[str, Any]) -> list[str]:
     if skin:
         found.append(
             f"skin of {skin['points']} points carried along: {skin['min_ms']:.2f} ms ({skin['median_ms']:.2f})"
+        )
+    if mesh:
+        found.append(
+            f"closed mesh of {mesh['triangles']} triangles voxelised at {mesh['cells']} cells: "
+            f"{mesh['min_ms']:.0f} ms ({mesh['median_ms']:.0f})"
         )
     return found

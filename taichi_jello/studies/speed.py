@@ -23,7 +23,7 @@ from taichi_jello.sceneio import load
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Simulation
 from taichi_jello.studies._report import REPEATS, headline, machine, spread, take
-from taichi_jello.studies._scenes import STIFF, crowd_row, skin_row, stiff_row
+from taichi_jello.studies._scenes import STIFF, crowd_row, skin_row, stiff_row, voxel_row
 from taichi_jello.studies._scenes import lines as scene_lines
 
 DT = 1e-6  # s; so short that nothing moves far: every pass does the same work
@@ -228,7 +228,7 @@ def pieces(arch: str, cases: list[dict[str, Any]], quick: bool, told: dict[str, 
     told["stiff"] = [stiff_row(arch, *case, 20 if quick else 60) for case in (STIFF[:1] if quick else STIFF)]
     yield
     told["crowd"] = crowd_row(arch, 0.5 if quick else 4.0)
-    told["skin"] = skin_row(arch, least, repeats)
+    told["skin"], told["voxels"] = skin_row(arch, least, repeats), voxel_row(arch, least, repeats)
     yield
     if not quick:
         told["start_up_seconds"] = start_up()

@@ -17,11 +17,18 @@ from taichi_jello.physics.integrators import scheme, schemes
 from taichi_jello.scene import SceneError
 from taichi_jello.studies._extremes import CASES, Extreme
 from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
+from taichi_jello.words import plain
 
 QUICK = (AUTO, "rk4", "backward-euler")
 FED = 1e-5  # of the greatest energy, by which backward Euler may add to it: rounding
 LITTLE = 0.05  # of all energy: what is lost counts for at least as much; a free fall loses none, and Euler's gains 2 %
 SWAPPED = 0.5  # by which the others may: they swap energy with their own error, and must not feed it
+LOOKS = (
+    ("#2f8a50", "stands it: finite, no energy from nowhere, its shape and its side of a wall kept",
+     lambda row: row["verdict"] == "ok"),
+    ("#909090", "refuses, in one line, before it begins", lambda row: row["passes"] and row["verdict"] != "ok"),
+    ("#d0392b", "fails", lambda row: not row["passes"]),
+)  # fmt: skip
 
 
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
@@ -108,18 +115,27 @@ def rows(told: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def plot(told: dict[str, Any], path: Path) -> None:
-    """A square for each case and method: green ok, grey refused, red failed."""
+    """A square for each case and method, coloured by what came of it, with how often a frame passes the springs."""
     cases = list(dict.fromkeys(row["case"] for row in told["rows"]))
     methods = list(dict.fromkeys(row["asked"] for row in told["rows"]))
-    figure = new_figure(3.5 + 0.8 * len(methods), 1.2 + 0.32 * len(cases))
+    figure = new_figure(max(6.0, 3.0 + 0.75 * len(methods)), 1.7 + 0.27 * len(cases))
     axes = figure.add_subplot()
-    for row in told["rows"]:
-        color = "#3a9d5d" if row["verdict"] == "ok" else "#b0b0b0" if row["passes"] else "#d0392b"
-        place = methods.index(row["asked"]), cases.index(row["case"])
-        axes.scatter(*place, s=160, marker="s", color=color)
-    axes.set_xticks(range(len(methods)), methods, rotation=35, ha="right")
+    for color, text, which in LOOKS:
+        own = [row for row in told["rows"] if which(row)]
+        x, y = [methods.index(row["asked"]) for row in own], [cases.index(row["case"]) for row in own]
+        if own:
+            axes.barh(y, 0.94, 0.86, [place - 0.47 for place in x], color=color, label=text)
+        for *place, row in zip(x, y, own, strict=True):
+            passes = plain(row["evaluations"], 3) if "evaluations" in row else "-"
+            axes.text(*place, passes, ha="center", va="center", color="white", fontsize=7)
+    axes.set_xticks(range(len(methods)), methods, rotation=25, ha="right")
     axes.set_yticks(range(len(cases)), cases)
-    axes.invert_yaxis()
-    figure.suptitle("green ok, grey refused, red failed", fontsize=9)
-    axes.margins(0.08)
+    axes.set(xlim=(-0.6, len(methods) - 0.4), ylim=(len(cases) - 0.4, -0.6))
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
+    figure.suptitle(
+        "What becomes of a small jello in stiff and extreme cases\nnumbers: passes over its springs in a frame",
+        fontsize=10,
+    )
+    figure.legend(loc="outside lower center", fontsize=8, frameon=False)
     save_figure(figure, path)

@@ -4,26 +4,14 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.body import Body
-from taichi_jello.view.rows import Array2, Index1, Index2, face_normal, put, row, sum_over
+from taichi_jello.view.rows import Array2, Index1, Index2, put, row
 from taichi_jello.view.subdivide import smooth_patches
 
 
 @ti.kernel
-def carry(
-    x: Array2,
-    cells: Index2,
-    first: Index1,
-    places: Array2,
-    index: Index2,
-    start: Index1,
-    face: Index1,
-    points: Array2,
-    flat: Array2,
-    normals: Array2,
-):
+def carry(x: Array2, cells: Index2, first: Index1, places: Array2, facing: Array2, points: Array2, normals: Array2):
     """points: those from first[c] to first[c + 1] are where their places, 0 to 1 along each side, are in cell c with
-    its corners `cells` at x; flat: the normals of the triangles `index`, as long as twice their area; normals: for each
-    point the sum over its triangles face[start[i]] …, at length 1."""
+    its corners `cells` at x; normals: of surfaces that face as `facing` in the undeformed cell, at length 1."""
     ti.loop_config(block_dim=64)
     for c in range(cells.shape[0]):
         # The trilinear map as a polynomial: what a step along a, b and c adds, and what two and all three do beyond.
@@ -33,16 +21,14 @@ def carry(
         ab, ad, bd = pab - pa - b, pac - pa - d, pbc - pb - d
         abd = pabc - pab - pac + pa - bd
         for i in range(first[c], first[c + 1]):
-            at = row(places, i)
-            q = p + at[0] * (a + at[1] * (ab + at[2] * abd) + at[2] * ad) + at[1] * (b + at[2] * bd) + at[2] * d
-            put(points, i, q)
-    ti.loop_config(block_dim=4096)
-    for t in range(index.shape[0]):
-        put(flat, t, face_normal(points, index, t))
-    ti.loop_config(block_dim=4096)
-    for i in range(points.shape[0]):
-        n = sum_over(flat, face, start[i], start[i + 1])
-        put(normals, i, n / ti.max(n.norm(), 1e-20))
+            at, n = row(places, i), row(facing, i)
+            along_a, along_b = a + at[1] * (ab + at[2] * abd) + at[2] * ad, b + at[2] * bd
+            put(points, i, p + at[0] * along_a + at[1] * along_b + at[2] * d)
+            # Areas go by the cofactors of the map's slope.
+            along_b += at[0] * (ab + at[2] * abd)
+            along_d = d + at[0] * ad + at[1] * (bd + at[0] * abd)
+            n = n[0] * along_b.cross(along_d) + n[1] * along_d.cross(along_a) + n[2] * along_a.cross(along_b)
+            put(normals, i, n / ti.max(n.norm(), 1e-20))
 
 
 class Embedded:
@@ -66,24 +52,26 @@ class Embedded:
         by_cell = np.argsort(cell.ravel(), kind="stable")
         chosen, index = chosen[by_cell], np.argsort(by_cell)[which].reshape(-1, 3)
         by_point = np.argsort(index.min(1), kind="stable")
-        point, count = corner[chosen], np.diff(start)[chosen]
-        own = np.repeat(start[:-1][chosen] - np.cumsum(count) + count, count) + np.arange(count.sum())
+        point = corner[chosen]
         self.index = np.ascontiguousarray(index[by_point], np.int32)
         self.jello = body.jello[body.skin_corners[point, 0]]
         self.normals = np.zeros((len(point), 3), np.float32)
         self._cells = np.ascontiguousarray(cells, np.int32)
         self._first = np.searchsorted(cell.ravel()[by_cell], np.arange(len(cells) + 1)).astype(np.int32)
         # Trilinear weights sum to the place in the cell over the corners that are one step along each side.
-        sides = np.array([[k >> 2, k >> 1 & 1, k & 1] for k in range(8)])
-        self._places = (body.skin_weights[point] @ sides).astype(np.float32)
-        self._start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
-        self._face = np.argsort(by_point)[faces[own]].astype(np.int32)
-        self._flat = np.zeros((len(self.index), 3), np.float32)
+        steps = np.array([[k >> 2, k >> 1 & 1, k & 1] for k in range(8)])
+        self._places = (body.skin_weights[point] @ steps).astype(np.float32)
+        # Normals as the undeformed cell sees them, which may be longer one way than another.
+        ends = body.rest[cells[:, [0, 4, 2, 1]]]
+        sides = np.stack([ends[:, k + 1, k] - ends[:, 0, k] for k in range(3)], 1)[cell.ravel()[by_cell]]
+        ways = rest[body.skin[:, 1:]] - rest[body.skin[:, :1]]
+        normals = np.add.reduceat(np.cross(ways[:, 0], ways[:, 1])[faces], start[:-1])[chosen]
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+        self._facing = (normals * sides).astype(np.float32)
 
     def __len__(self) -> int:
         return len(self.normals)
 
     def update(self, x: np.ndarray, points: np.ndarray) -> None:
         """Write the points (P, 3) float32 for particles at x (N, 3) float32 [m], and the normals."""
-        held = self._cells, self._first, self._places
-        carry(x, *held, self.index, self._start, self._face, points, self._flat, self.normals)
+        carry(x, self._cells, self._first, self._places, self._facing, points, self.normals)

@@ -22,14 +22,17 @@ def test_ctrl_c_keeps_what_was_measured(monkeypatch):
     told = speed.measure(argparse.Namespace(arch="cpu", threads=1, quick=True, quiet=True, json=None))
     told["window"] = speed.window_row("cpu", frames=1)
     told["skin"] = speed.skin_row("cpu", 0.0, 1)
+    told["voxels"] = speed.voxel_row("cpu", 0.0, 1)
     told["crowd"] = {"seconds": 4.0, "threads": 2, "ms": 12.3, "worst_ms": 20.0, "last_ms": 10.0, "real_time_ms": 16.7,
                      "search_share": 0.21}  # fmt: skip
     told["stiff"] = [{"n": 16, "stiffness": 46666.7, "times_real_time": 1.44}]
     assert 30_000 < told["skin"]["points"] < 45_000 and told["skin"]["min_ms"] > 0.0
+    assert 70_000 < told["voxels"]["triangles"] < 90_000
     page = speed.text(told)
     assert "window: not measured: no Vulkan driver works here" in page
     assert "16³ points, k = 4.67e+04 N/m" in page and "1.4 times real time" in page
-    assert "12.3 ms a frame" in page and "contact search 21 % of it" in page and "points carried along" in page
+    assert "12.3 ms a frame" in page and "contact search 21 % of it" in page
+    assert "points carried along" in page and "voxelised at 48 cells" in page
     assert told["interrupted"] and "       300  " in page
     assert page.endswith("interrupted: the table holds what was measured until then")
 

@@ -169,6 +169,14 @@ def test_sharp_edges_of_an_embedded_skin_stay_sharp():
     embedded.update(body.x.astype(np.float32), points)
     assert np.sort(np.abs(embedded.normals), 1) == pytest.approx(np.tile([0.0, 0.0, 1.0], (24, 1)))
     assert np.einsum("ij,ij->i", embedded.normals, points) == pytest.approx(0.5)
+    # Sheared, stretched and crushed, they stand on the triangles as these are then.
+    x = body.x @ np.array([[1.0, 0.3, 0.0], [0.0, 0.2, 0.5], [0.4, 0.0, -2.0]])
+    embedded.update(x.astype(np.float32), points)
+    a, b, c = (points[embedded.index[:, k]] for k in range(3))
+    flat = np.cross(b - a, c - a)
+    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+    for k in range(3):
+        assert embedded.normals[embedded.index[:, k]] == pytest.approx(flat, abs=1e-5)
 
 
 def test_torn_springs_and_the_skin_over_them_are_not_drawn():
