@@ -227,7 +227,21 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize("call, words", MISTAKES, ids=[" ".join(call) for call, _ in MISTAKES])
-def test_a_mistake_is_one_line_and_leaves_nothing_behind(jello, small, tmp_path, call, words):
+def test_a_mistake_is_one_line_and_leaves_nothing_behind(small, tmp_path, monkeypatch, capfd, call, words):
+    """In this process: to start one takes as long as all of them."""
+    monkeypatch.chdir(tmp_path)
+    try:
+        status = cli.main(list(call))
+    except SystemExit as end:
+        status = end.code
+    told = capfd.readouterr().err
+    assert status == 2
+    assert len(told.splitlines()) == 1 and words in told, told
+    assert [p.name for p in tmp_path.iterdir()] == ["small.toml"]
+
+
+@pytest.mark.parametrize("call, words", [MISTAKES[1], MISTAKES[-1]], ids=["of the program", "of the parser"])
+def test_a_mistake_is_one_line_of_a_process_too(jello, small, tmp_path, call, words):
     done = jello(*call)
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1 and words in done.stderr, done.stderr
