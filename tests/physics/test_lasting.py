@@ -79,17 +79,21 @@ def test_a_spring_stretched_too_far_tears_and_its_energy_is_booked():
     assert simulation.work == {"tearing": 0.0} and not simulation.snapshot().memory
 
 
-def test_a_run_cut_in_two_remembers_what_lasts():
+def test_a_run_cut_in_two_remembers_what_lasts(anew):
     path = [Move(time=0.0, offset=(0.0, 0.0, 0.0)), Move(time=0.5, offset=(1.0, 0.0, 0.0))]
     pins = [Pin(max=(0.0, 1.0, 1.0)), Pin(min=(1.0, 0.0, 0.0), keyframe=path)]
     slab = Box(points=(5, 3, 3), damping=1.0, creep=1.0, yield_strain=0.3, tear_strain=0.8, pin=pins)
-    whole, other = Simulation(Scene(jello=[slab])), Simulation(Scene(jello=[slab]))
+    anew()
+    whole = Simulation(Scene(jello=[slab]))
     whole.step(40 * whole.substeps)
     end = whole.snapshot()
     assert not end.memory["whole"].all()
     whole.reset()
     whole.step(25 * whole.substeps + 2)
-    other.restore(whole.snapshot())
+    half = whole.snapshot()
+    anew()
+    other = Simulation(Scene(jello=[slab]))
+    other.restore(half)
     other.energies()
     other.restore(other.snapshot())
     other.step(15 * whole.substeps - 2)
