@@ -89,6 +89,7 @@ def test_uniform_and_callable_fields_push(epsilon):
     assert custom.system.integrator.order == 4
 
 
+@pytest.mark.one_precision("f32")
 @pytest.mark.filterwarnings("ignore:dt = ")
 def test_bad_numbers_stop_at_the_last_good_state():
     simulation = Simulation(Scene(jello=[Box(points=(2, 2, 2)), SMALL], contact=APART), dt=0.02)
@@ -158,6 +159,7 @@ def test_a_simulation_does_not_outlive_its_taichi(precision, request):
             use()
 
 
+@pytest.mark.one_precision("f32")
 def test_an_automatic_step_follows_what_changes():
     """Stiffness, damping, contact and the hand, in mid-run: steps go with 1/√k and the run stays bounded."""
     scene = Scene(jello=[SMALL], collider=[Plane()], force=[Grab()])

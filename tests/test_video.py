@@ -5,13 +5,12 @@ import signal
 import subprocess
 import sys
 import time
-import warnings
 from fractions import Fraction
 
 import numpy as np
 import pytest
 
-from taichi_jello import Simulation, cli, runtime, sceneio
+from taichi_jello import Simulation, runtime, sceneio
 from taichi_jello.film import Film, FilmProblem, Mesh
 
 SMALL = """
@@ -172,21 +171,15 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize("call, words", MISTAKES, ids=[" ".join(call) for call, _ in MISTAKES])
-def test_a_mistake_is_one_line_and_leaves_nothing_behind(small, tmp_path, monkeypatch, capsys, call, words):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)  # the command line sets its own
-    try:
-        status = cli.main(["video", small, *call])
-    except SystemExit as error:
-        status = error.code
-    told = capsys.readouterr().err
-    assert status == 2 and len(told.splitlines()) == 1 and words in told, told
+def test_a_mistake_is_one_line_and_leaves_nothing_behind(here, small, tmp_path, call, words):
+    done = here("video", small, *call)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and words in done.stderr, done.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["small.toml"]
 
 
-def test_a_scene_without_a_skin_gives_no_meshes(jello, small, tmp_path):
+def test_a_scene_without_a_skin_gives_no_meshes(here, small, tmp_path):
     (tmp_path / small).write_text(SMALL.replace("[3, 3, 3]", "[3, 1, 1]"))
-    done = jello("video", small, "-o", "skin-%d.ply")
+    done = here("video", small, "-o", "skin-%d.ply")
     assert done.returncode == 2 and done.stderr == "jello: -o skin-%d.ply: this scene has no skin to write as a mesh\n"
 
 
@@ -208,8 +201,8 @@ def test_a_missing_extra_is_told_at_once(module, name, tmp_path):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/proc")
-def test_a_folder_that_takes_no_files_is_one_line(jello, small):
-    done = jello("video", small, "-o", "/proc/x.mp4", *SMALL_SIZE)
+def test_a_folder_that_takes_no_files_is_one_line(here, small):
+    done = here("video", small, "-o", "/proc/x.mp4", *SMALL_SIZE)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and "/proc/x.mp4" in done.stderr, done.stderr
 
 
@@ -293,9 +286,9 @@ def test_ctrl_c_leaves_a_film_that_plays(small, tmp_path):
     assert not left_over(tmp_path)
 
 
-def test_bad_numbers_keep_the_film_and_the_last_good_state(jello, small, tmp_path):
+def test_bad_numbers_keep_the_film_and_the_last_good_state(here, small, tmp_path):
     bad = ("--dt", "0.016", "--set", "jello.0.stiffness=2000", "--seconds", "5")
-    done = jello("video", small, "-o", "out.mp4", *bad, *SMALL_SIZE)
+    done = here("video", small, "-o", "out.mp4", *bad, *SMALL_SIZE)
     assert done.returncode == 3 and "Traceback" not in done.stderr
     count = int(re.search(r"out.mp4 has the first (\d+) of 300 frames", done.stderr)[1])
     assert len(decoded(tmp_path / "out.mp4")[0]) == count
