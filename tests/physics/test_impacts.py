@@ -117,10 +117,11 @@ def test_the_way_into_a_core():
     assert entry(2.0, 1.0, -2.0, 1.0)[3] == 2.0  # beside it
 
 
-def test_far_from_the_origin_it_is_as_near_it():
+def test_far_from_the_origin_it_is_as_near_it(anew):
     """10 km away f32 has steps of 1 mm; positions are kept relative to a point near by."""
     found = []
     for away in (np.zeros(3), np.array([10000.0, 2500.0, -5000.0])):
+        anew()
         box = Box(points=(3, 3, 3), mass=0.1, position=tuple(away + [0.0, 0.6, 0.0]), rotation=(3.0, 4.0, 5.0))
         ball = Sphere(center=tuple(away + [0.3, -0.2, 0.0]), radius=0.4)
         scene = Scene(jello=[box], collider=[Plane(point=tuple(away)), ball], force=[Grab()])
