@@ -33,6 +33,14 @@ def test_one_command_makes_picture_figures_and_table(tmp_path, capsys, monkeypat
     assert "To be within 1 mm" in capsys.readouterr().out
 
 
+def test_all_studies_are_made_anew_and_the_longest_one_in_its_short_form(tmp_path, monkeypatch):
+    calls = []
+    monkeypatch.setattr(regenerate, "jello", lambda call: calls.append(call) or 0)
+    assert regenerate.main([str(tmp_path)]) == 0
+    assert {"accuracy", "speed", "stability", "stress"} <= {call[1] for call in calls}
+    assert [call[1] for call in calls if "--quick" in call] == ["stress"]
+
+
 def test_a_readme_without_marks_is_named(tmp_path):
     (tmp_path / "x.md").write_text("nothing here")
     with pytest.raises(ValueError, match=r"x\.md: expected the lines <!-- accuracy --> and <!-- end -->"):
