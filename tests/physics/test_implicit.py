@@ -92,11 +92,11 @@ def test_a_free_body_keeps_its_momenta_to_the_accuracy_of_the_solve(method, anew
 
 def products(simulation, frames=12):
     """Evaluations of the forces and products with H that a twisted fall onto the ground takes."""
-    counts = simulation.system.integrator.solver.counts
-    counts.fill(0)
+    solver = simulation.system.integrator.solver
+    before = solver.passes
     for _ in range(frames):
         simulation.frame()
-    return int(counts.to_numpy()[4:].sum())
+    return solver.passes - before
 
 
 def checker(places):
@@ -133,6 +133,20 @@ def uniform_products(taichi):
 def test_unequal_stiffnesses_and_masses_take_at_most_twice_the_iterations(name, uniform_products, anew):
     anew()
     assert products(landing(**UNEQUAL[name])) <= 2 * uniform_products
+
+
+def test_a_solve_ends_where_no_step_solves_it():
+    """Where a dashpot begins to press, its force jumps, and there may be nothing between: this hit went to the limit of
+    30 rounds in 208 passes. What is left there must not feed energy."""
+    placed = {"position": (0.0, 0.75, 0.0), "rotation": (10.0, 20.0, 5.0), "velocity": (0.0, -5.0, 0.0)}
+    scene = Scene(jello=[Box(points=(4, 4, 4), stiffness=1e5, **placed)], collider=[Plane()])
+    simulation = Simulation(scene, method="backward-euler", substeps=1)
+    solver = simulation.system.integrator.solver
+    for _ in range(6):
+        before = sum(simulation.energies().values())
+        assert products(simulation, frames=1) <= 140
+        assert solver.counts[0] <= solver.rounds // 2
+        assert sum(simulation.energies().values()) <= before
 
 
 def test_no_force_leaves_a_body_alone_and_a_state_at_rest_takes_no_round():

@@ -17,11 +17,13 @@ from taichi_jello.physics.state import State
 DONE, PREPARE, EVALUATE, CONJUGATE = range(4)
 OFF, THERE, BEGIN, GO_ON, BACK, AT_REST = range(6)  # phases: what a turn has found out, in an order that is asked for
 # What the registers hold; every member of a team reads them, the first one writes.
-C, TIME, RHO, SLOPE, PART, ALPHA, BETA, TOLERANCE, STOP_AT, NOISE, STILL, GAIN, ACCURACY, MOST = range(14)
+C, TIME, RHO, SLOPE, PART, ALPHA, BETA, TOLERANCE, STOP_AT, NOISE, STILL, GAIN, LEAST, ACCURACY, MOST = range(15)
 NOTHING, RESIDUAL, STEP = range(3)  # what is looked for beside a sum
-ROUNDS, INNER, TRIES, PHASE, EVALUATIONS, PRODUCTS = range(6)
+ROUNDS, INNER, TRIES, PHASE, VAIN, EVALUATIONS, PRODUCTS = range(7)
 
 TRIED = 6  # times that a step may be shortened
+VAINLY = 8  # rounds, none with half the gain of all before, after which it ends; half as many where the answer is near:
+CLOSE = 1e-4  # of the most that a round has gained, so within 1 % of the way there
 OVERSHOOT = 0.5  # of the slope at the start, by which it may have turned around where a step ends
 
 
@@ -47,8 +49,8 @@ class Newton:
         self.block = memory.vectors("solve", "block", 2)
         self.sums = memory.table("solve", "sums", np.zeros((memory.passes, 3)))
         self.mode = memory.table("solve", "mode", np.zeros(1, np.int32))
-        self.counts = memory.table("solve", "counts", np.zeros(6, np.int32))
-        self.registers = memory.table("solve", "registers", np.zeros(14))
+        self.counts = memory.table("solve", "counts", np.zeros(7, np.int32))
+        self.registers = memory.table("solve", "registers", np.zeros(15))
         self.inner_solver = preconditioner(memory, body)
         self.rigid = Rigid(memory, body)
 
@@ -240,12 +242,24 @@ class Newton:
                     noise = self.registers[NOISE] * self.largest(2)
                     self.registers[TOLERANCE] = ti.max(noise, self.registers[ACCURACY] * moved)
                     self.registers[STILL], self.registers[GAIN] = noise, 0.0
+                    self.registers[LEAST], self.counts[VAIN] = 4.0 * self.registers[SLOPE], 0
                 # What the step gains is ½ d · r; a stiff body stores much in a short way.
                 self.registers[GAIN] = ti.max(self.registers[GAIN], self.registers[SLOPE])
                 little = self.registers[SLOPE] <= self.registers[ACCURACY] ** 2 * self.registers[GAIN]
                 near = moved <= self.registers[TOLERANCE]
-                self.mode[0] = DONE if moved <= self.registers[STILL] or (near and little) else EVALUATE
+                ends = moved <= self.registers[STILL] or (near and little) or self.in_vain()
+                self.mode[0] = DONE if ends else EVALUATE
         self.registers[RHO] = rho
+
+    @ti.func
+    def in_vain(self):
+        """Whether rounds no longer gain less and less, as where rounding stops them, or a dashpot that begins to press
+        with a jump of its force."""
+        if self.registers[SLOPE] < 0.5 * self.registers[LEAST]:
+            self.registers[LEAST], self.counts[VAIN] = self.registers[SLOPE], 0
+        else:
+            self.counts[VAIN] += 2 if self.registers[SLOPE] <= CLOSE * self.registers[GAIN] else 1
+        return self.counts[VAIN] >= VAINLY
 
     @ti.func
     def product(self, system, first, last, p, q):
