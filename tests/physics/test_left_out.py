@@ -27,6 +27,11 @@ def taichi(best_precision):
     return best_precision
 
 
+@pytest.fixture(scope="module")
+def without(taichi):
+    return facts(Simulation(Scene(jello=[CUBE])))
+
+
 @pytest.mark.parametrize(
     "feature, scene",
     [
@@ -43,9 +48,8 @@ def taichi(best_precision):
         ("pins", {"jello": [Box(points=(3, 3, 3), pin=[Pin(max=(0.0, 1.0, 1.0))])]}),
     ],
 )
-def test_a_feature_is_listed_where_it_is_used_and_only_there(feature, scene):
+def test_a_feature_is_listed_where_it_is_used_and_only_there(feature, scene, without):
     with_it = facts(Simulation(Scene(**{"jello": [CUBE]} | scene)))
-    without = facts(Simulation(Scene(jello=[CUBE])))
     assert feature in with_it["compiled_in"] and feature in without["left_out"]
     assert feature not in with_it["left_out"] and feature not in without["compiled_in"]
     if feature in ("contact", "sweep", "pins"):
