@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from taichi_jello import Box, Camera, Plane, Scene, Simulation, Sphere
+from taichi_jello import Box, Camera, Contact, Plane, Scene, Simulation, Sphere
 from taichi_jello.replay import playable
 from taichi_jello.view import play as loop
 from taichi_jello.view.viewer import Viewer
@@ -56,7 +56,7 @@ def test_dragged_to_a_corner_it_rests_within_3_pixels_of_the_cursor():
 def test_two_jellos_are_grabbed_in_turn_also_while_paused():
     """One cube is pulled aside, then the other; the one that is not held stays where it is."""
     cubes = [Box(points=(3, 3, 3), size=(0.6, 0.6, 0.6), position=(x, 0.4, 0.0)) for x in (-0.6, 0.6)]
-    viewer = opened(Scene(jello=cubes, gravity=(0.0, 0.0, 0.0)))
+    viewer = opened(Scene(jello=cubes, gravity=(0.0, 0.0, 0.0), contact=Contact(touch=False)))
     simulation = viewer.simulation
     for jello, way in ((0, -150.0), (1, 150.0)):
         own = simulation.body.jello == jello
@@ -77,10 +77,11 @@ def test_two_jellos_are_grabbed_in_turn_also_while_paused():
 
 
 @pytest.mark.parametrize("stiffness", [1.0, 200.0, 1e5])
-def test_no_motion_of_the_mouse_breaks_a_jello(stiffness):
+def test_no_motion_of_the_mouse_breaks_a_jello(stiffness, anew):
     """Every frame another place up to metres away, now and then towards the eye or away from it; let go and grabbed
     again; on the floor, against a sphere and in the air. Numbers that are not finite would pause the window."""
     cube = Box(points=(4, 4, 4), position=(0.0, 0.7, 0.0), stiffness=stiffness)
+    anew()
     viewer = opened(Scene(jello=[cube], collider=[Plane(), Sphere(center=(0.7, 0.2, 0.0), radius=0.4)]))
     person, grabs, held = np.random.default_rng(7), 0, 0
     for frame in range(360):
