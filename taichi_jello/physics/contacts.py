@@ -1,16 +1,15 @@
 """Which points touch which other jello, and where: found once a step, at the place that the step is about to reach.
 
-A point of one jello that is inside a cell of another is to leave by the nearest of the triangles by which that cell is
-left through the undeformed body (the idea of McAdams et al. 2011, "Efficient elasticity for character skinning", 5),
-so that a point deep inside leaves by the nearest face however the body is crushed. Sheets and ropes have no inside:
-points keep a radius away from their triangles and segments.
+A point that is inside a solid jello is to leave it (see exits.py). Sheets and ropes have no inside: points keep a
+radius away from their triangles and segments.
 """
 
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.boxes import box_around, meet
-from taichi_jello.physics.elements import cell_holds, nearest
+from taichi_jello.physics.elements import nearer
+from taichi_jello.physics.exits import Exits
+from taichi_jello.physics.inside import AT_HAND, Inside
 from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.touching import FAR, Touching
 from taichi_jello.torn import still_there
@@ -18,9 +17,7 @@ from taichi_jello.torn import still_there
 AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and left out
 SLOTS = 16  # contacts of a point that are listed; if it has more, all contacts are looked through
 UNIT = 1024  # a whole contact in the count of what presses on a point, in which a corner has its share
-TINY, ROOT_FAR = 1e-9, FAR**0.5  # m
-SAME = 0.5  # the cosine above which a face faces as the point does that would leave by it
-BACK = 1 / 3  # of the distance to the face to leave by: within it a point near an edge goes back over that edge
+TINY = 1e-9  # m
 LOAD = 2  # whole contacts that press on one point with full stiffness: its own and one that it is a corner of
 
 
@@ -50,18 +47,15 @@ class Contacts:
         point_of = np.full(memory.padded, -1, np.int32)
         point_of[touching.points[: touching.bare]] = np.arange(touching.bare)
         self.point_of = table("point of each particle", point_of)
-        if self.has_solid:
-            self.exits, self.triangles = table("exits of each cell", touching.exits), table("exits", touching.triangles)
-            self.exit_start = table("starts of exits", touching.start)
-            self.way, self.inner = table("ways to them", touching.way), table("inner neighbours", touching.inner)
-            self.boxes = memory.zeros(title, "boxes of cells", (len(touching.nodes), 6))
-            self.leaf_boxes = memory.zeros(title, "boxes of leaves", (self.near.boxes_of_nodes, 6))
         if self.near.skinned:
             self.parts = table("shares", touching.share)
         if tears:
             self.holds = table("elements not parted", np.ones(len(touching.nodes), np.int32))
         self.there = memory.zeros(title, "x looked at", (memory.particles, 3))
         self.place = memory.zeros(title, "places", (self.points, 3))
+        if self.has_solid:
+            self.inside = Inside(title, memory, self.near, self.there, self.place)
+            self.exits = Exits(title, memory, self.near, self.there, self.place)
         count = AT_ONCE * self.points
         self.corners = memory.zeros(title, "touched corners", (count, 3), whole=True)
         self.weights = memory.zeros(title, "their weights", (count, 3))
@@ -91,9 +85,15 @@ class Contacts:
                 leaves = self.near.boxes_of_nodes
                 for n in range(system.share_of(first, leaves), system.share_of(last, leaves)):
                     if self.near.is_found[n]:
-                        self.fit(n)
+                        self.inside.fit(n)
         elif ti.static(r == 2):
             busy = self.near.state[2]
+            if ti.static(self.has_solid):
+                for k in range(system.share_of(first, busy), system.share_of(last, busy)):
+                    self.inside.collect(self.near.busy[k])
+                for k in range(system.share_of(first, busy), system.share_of(last, busy)):
+                    q = self.near.busy[k]
+                    self.inside.count[q] = self.inside.sift(q, self.inside.count[q])
             for k in range(system.share_of(first, busy), system.share_of(last, busy)):
                 self.find(self.near.busy[k], v, ahead)
         else:
@@ -115,112 +115,50 @@ class Contacts:
         return may
 
     @ti.func
-    def fit(self, n):
-        """The boxes of leaf n and of its cells as they are now."""
-        all_low, all_high = ti.Vector([FAR, FAR, FAR]), -ti.Vector([FAR, FAR, FAR])
-        for at in range(self.near.tree_first[n], self.near.tree_last[n]):
-            nodes = self.near.nodes[self.near.tree_order[at]]
-            low = self.there[nodes[0]]
-            high = low
-            for k in ti.static(range(1, 8)):
-                low, high = ti.min(low, self.there[nodes[k]]), ti.max(high, self.there[nodes[k]])
-            self.boxes[at] = box_around(low, high)
-            all_low, all_high = ti.min(all_low, low), ti.max(all_high, high)
-        self.leaf_boxes[n] = box_around(all_low, all_high)
-
-    @ti.func
     def find(self, q, v, ahead):
         """The contacts of a point: with each other jello the first of its cells that holds the point, or the nearest of
         its triangles and segments within reach."""
-        p = self.place[q]
-        met, n, jello, solid, best = 0, 0, -1, False, ti.cast(FAR, float)
-        corners, weights = ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
-        place, end = self.near.start[q], self.near.listed[q]
-        for k in range(end + 1):  # one more than listed, to end with the last jello
-            first, last, other = 0, 0, -1
-            if k < end:
-                n, place = self.near.next(place)
-                first, last = self.near.tree_first[n], self.near.tree_last[n]
-                other = self.near.owner[self.near.tree_order[first]]
-            if other != jello:
-                if best < FAR and met < AT_ONCE:
-                    met += self.note(q, met, corners, weights, best, solid, v, ahead)
-                jello, solid, best = other, self.near.tree_order[first] < self.solid, FAR
-            if ti.static(self.has_solid):  # noqa: SIM102
-                if k < end and solid and best == FAR and meet(self.leaf_boxes[n], p, p):
-                    for at in range(first, last):
-                        if best == FAR and meet(self.boxes[at], p, p):
-                            e = self.near.tree_order[at]
-                            if cell_holds(self.near.nodes[e], self.there, p) and self.may_touch(q, e):
-                                best, corners, weights = self.leave(e, p, p - self.there[self.inner[q]])
-            if ti.static(self.has_thin):  # noqa: SIM102
-                if k < end and not solid and self.may_touch(q, self.near.tree_order[first]):
-                    nodes = self.near.nodes[self.near.tree_order[first]]
-                    own = ti.Vector([self.point_of[nodes[0]], self.point_of[nodes[1]], self.point_of[nodes[2]]])
-                    best, corners, weights = self.nearer(p, own, best, corners, weights)
+        met = 0
+        if ti.static(self.has_solid):
+            met = self.find_solid(q, met, v, ahead)
+        if ti.static(self.has_thin):
+            met = self.find_thin(q, met, v, ahead)
         self.own[q] = met
 
     @ti.func
-    def leave(self, e, p, out):
-        """How the point p of a surface that faces `out` leaves cell e: by the nearest face, of those by the shortest
-        ways through the undeformed body that do not face as the point itself does. (Without this two jellos that
-        overlap by half would crawl round each other, each leaving by the other's sides.) But a point that has just
-        come in over an edge goes back by the face that is much nearer, wherever it faces: by another it would be
-        pressed at once as deep as it is behind the edge, and come back to be thrown out again, for good."""
-        a = self.there[self.near.nodes[e][0]]
-        same, first, least, way = 0, 0, ti.cast(FAR, float), self.way[e]
-        for k in ti.static(range(3)):
-            axis = self.there[self.near.nodes[e][4 >> k]] - a
-            faces, least_cosine = axis.dot(out), SAME * axis.norm() * out.norm()
-            for up in ti.static(range(2)):
-                if way[2 * k + up] > 0.0 and ti.static(2 * up - 1) * faces > least_cosine:
-                    same |= 1 << (2 * k + up)
-                elif way[2 * k + up] < least:
-                    least, first = way[2 * k + up], 2 * k + up
-        spacing = self.near.spacing[self.near.owner[e]]
-        best, corners, weights = ti.cast(FAR, float), ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
-        if least < FAR:
-            best, corners, weights = self.nearest_exit(e, p, 63 ^ same, first, least + spacing, best)
-        if same != 0 and best < spacing:
-            back, its_corners, its_weights = self.nearest_exit(e, p, same, 0, spacing, BACK * best)
-            if back < BACK * best:
-                best, corners, weights = back, its_corners, its_weights
-        if ti.static(self.near.skinned):  # noqa: SIM102
-            if self.way[e][0] == 0.0 and self.is_outside(p, corners):
-                best = FAR
-        return best, corners, weights
+    def find_solid(self, q, met, v, ahead):
+        """Count on from `met` with one contact for each other jello that has a cell which holds the point."""
+        done = -1
+        for c in range(q * AT_HAND, q * AT_HAND + self.inside.count[q]):
+            e = self.inside.cells[c]
+            if self.near.owner[e] != done and met < AT_ONCE and self.may_touch(q, e):
+                best, corners, weights = self.exits.leave(q, e)
+                if best < FAR:
+                    met += self.note(q, met, corners, weights, best, True, v, ahead)
+                    done = self.near.owner[e]
+        return met
 
     @ti.func
-    def nearest_exit(self, e, p, sides, first, longest, best):
-        """The place nearer to p than `best` by which it leaves cell e on some of its six sides, given as bits, and by
-        ways no longer than `longest`; see nearer."""
+    def find_thin(self, q, met, v, ahead):
+        """Count on from `met` with the nearest triangle or segment within reach of each other jello."""
+        p, best, jello = self.place[q], ti.cast(FAR, float), -1
+        place, end = self.near.start[q], self.near.listed[q]
         corners, weights = ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
-        for n in range(8):
-            k = n ^ first
-            if (sides >> k) & 1 == 1 and self.way[e][k] <= longest:
-                group = self.exits[e][k]
-                for t in range(self.exit_start[group], self.exit_start[group + 1]):
-                    best, corners, weights = self.nearer(p, self.triangles[t], best, corners, weights)
-        return best, corners, weights
-
-    @ti.func
-    def is_outside(self, p, corners):
-        """Whether p is on the outer side of a skin's triangle, the nearest one to it."""
-        a, b, c = self.place[corners[0]], self.place[corners[1]], self.place[corners[2]]
-        return (b - a).cross(c - a).dot(p - a) > 0.0
-
-    @ti.func
-    def nearer(self, p, triangle, best, corners, weights):
-        """The nearest place so far: its distance from p, its triangle's corners and their weights."""
-        a, b, c = self.place[triangle[0]], self.place[triangle[1]], self.place[triangle[2]]
-        n, most = (b - a).cross(c - a), ti.min(best, ROOT_FAR)
-        above = n.dot(p - a)
-        if above * above <= most * most * n.norm_sqr():  # else its plane is farther away
-            w = nearest(p, a, b, c)
-            distance = (w[0] * a + w[1] * b + w[2] * c - p).norm()
-            if distance < best:
-                best, corners, weights = distance, triangle, w
-        return best, corners, weights
+        for k in range(end + 1):  # one more than listed, to end with the last jello
+            e, other = 0, -1
+            if k < end:
+                n, place = self.near.next(place)
+                e = self.near.tree_order[self.near.tree_first[n]]
+                other = self.near.owner[e]
+            if other != jello:
+                if best < FAR and met < AT_ONCE:
+                    met += self.note(q, met, corners, weights, best, False, v, ahead)
+                jello, best = other, FAR
+            if k < end and e >= self.solid and self.may_touch(q, e):
+                nodes = self.near.nodes[e]
+                own = ti.Vector([self.point_of[nodes[0]], self.point_of[nodes[1]], self.point_of[nodes[2]]])
+                best, corners, weights = nearer(self.place, p, own, best, corners, weights)
+        return met
 
     @ti.func
     def note(self, q, number, corners, weights, distance, solid, v, ahead):

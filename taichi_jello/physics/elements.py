@@ -2,6 +2,9 @@
 
 import taichi as ti
 
+from taichi_jello.physics.touching import FAR
+
+ROOT_FAR = FAR**0.5  # m
 AROUND = (4, 6, 2, 3, 1, 5)  # the corners of a cell around its diagonal from corner 0 to corner 7
 
 
@@ -29,6 +32,20 @@ def nearest(p, a, b, c):
     else:
         w1, w2 = vb / (va + vb + vc), vc / (va + vb + vc)
     return ti.Vector([1.0 - w1 - w2, w1, w2])
+
+
+@ti.func
+def nearer(place: ti.template(), p, triangle, best, corners, weights):
+    """The nearest place so far: its distance from p, its triangle's corners and their weights."""
+    a, b, c = place[triangle[0]], place[triangle[1]], place[triangle[2]]
+    n, most = (b - a).cross(c - a), ti.min(best, ROOT_FAR)
+    above = n.dot(p - a)
+    if above * above <= most * most * n.norm_sqr():  # else its plane is farther away
+        w = nearest(p, a, b, c)
+        distance = (w[0] * a + w[1] * b + w[2] * c - p).norm()
+        if distance < best:
+            best, corners, weights = distance, triangle, w
+    return best, corners, weights
 
 
 @ti.func

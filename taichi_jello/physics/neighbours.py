@@ -1,31 +1,29 @@
 """Which points are near which leaves of trees of boxes over elements, found again only when something moved too far.
 
-A list made with a margin stays right until something has moved by half of it, as in molecular dynamics (Verlet 1967).
-Here every jello is expected to go on as fast as it does, and what counts is how far a particle strays from that: its
-margin. Boxes are those along the jello's own axes, which fit it well however it has turned. A list may hold too much:
-what it holds beyond the points that touch adds nothing, so no number depends on when it was made.
+A list made with a margin stays right until something has moved by half of it, as in molecular dynamics (Verlet 1967);
+see margins.py. Boxes are those along the jello's own axes, which fit it well however it has turned. A list may hold
+too much: what it holds beyond the points that touch adds nothing, so no number depends on when it was made.
 """
 
 import numpy as np
 import taichi as ti
 
 from taichi_jello.body import Body
-from taichi_jello.physics.boxes import TINY, axes_of, box_around, levers, meet
+from taichi_jello.physics.boxes import box_around, meet
 from taichi_jello.physics.boxtree import BoxTree
+from taichi_jello.physics.margins import Margins
 from taichi_jello.physics.state import ALONE, Memory
 from taichi_jello.physics.touching import Touching
 
 ROOM = 40  # places in the lists for each point
 ROW = 8  # places in a row of a list: leaves, and in the last one where the next row begins
-SPARE = 0.8  # of a margin after which the lists are made again; the rest covers the step that follows
 OWN = 2.5  # distances between the points within which a jello does not touch itself: there its springs hold
+STRIPES = 16  # busy points follow each other from as many parts of all, so that each half of them costs about as much
 LEAST, MOST = 0.4, 0.6  # a margin's usual size, in distances between the points
-AHEAD = 0.5  # how far jellos may go by each other before the lists are made again, in distances between the points
-LONGEST = 60.0  # how long lists last at most, in frames
 
 
 @ti.data_oriented
-class Neighbours:
+class Neighbours(Margins):
     """Point q has listed[q] leaves near it, read one after another by `next` from start[q] on, jello by jello: blocks
     of cells, single triangles or segments, the elements tree_order[tree_first[n]] … tree_order[tree_last[n] - 1].
 
@@ -43,21 +41,17 @@ class Neighbours:
         def numbers(name: str, *shape: int) -> ti.Field:
             return memory.zeros(title, name, shape)
 
-        self.touching, self.particles = touching, memory.particles
-        self.count, self.elements, self.jellos = len(touching.points), len(touching.nodes), len(touching.radius)
+        super().__init__(title, body, memory, touching)
+        self.touching, self.count, self.elements = touching, len(touching.points), len(touching.nodes)
         self.serial = memory.owner.on_cpu and memory.particles < ALONE
-        self.rows = ROOM * self.count // ROW
+        self.rows, self.stripe = ROOM * self.count // ROW, -(-self.count // STRIPES)
         self.points, self.nodes = table("points", touching.points), table("elements", touching.nodes)
         self.bare, self.skinned = touching.bare, touching.bare < self.count
         if self.skinned:
             self.corners = table("skin corners", touching.corners)
             self.weights = table("skin weights", touching.weights)
-        self.jello = table("jello", body.jello)
-        self.first = table("first particles", np.searchsorted(body.jello, np.arange(self.jellos + 1)))
-        self.radius, self.spacing = table("radius", touching.radius), table("spacing", touching.spacing)
-        self.least_spacing = float(touching.spacing.min())
         owner = body.jello[touching.nodes[:, 0]]
-        self.owner, self.lever = table("jello of each element", owner), table("levers", levers(body))
+        self.owner = table("jello of each element", owner)
         tree = BoxTree.of(owner, body.rest[touching.nodes].mean(1), touching.radius > 0.0)
         self.boxes_of_nodes = len(tree.first)
         self.tree_order, self.tree_skip = table("tree: elements", tree.order), table("tree: next nodes", tree.skip)
@@ -66,12 +60,6 @@ class Neighbours:
         self.element_box, self.node_box = numbers("boxes", self.elements, 6), numbers("tree: boxes", len(tree.first), 6)
         self.is_found, self.meets_any = zeros("leaves near points", len(tree.first)), zeros("meets any", self.jellos)
         self.met = zeros("jellos that each meets", self.jellos * self.jellos)
-        self.margin, self.ref = numbers("margins", self.particles), memory.vectors(title, "x at the last search")
-        self.own_x = numbers("x along own axes", self.particles, 3)
-        self.drift, self.centre = numbers("speeds", self.jellos, 3), numbers("centres", self.jellos, 3)
-        self.axes, self.hull = numbers("axes", self.jellos, 9), numbers("hulls", self.jellos, 6)
-        self.most = numbers("widest usual margins", self.jellos)
-        self.clock = numbers("made at, lasts", 2)
         self.state = zeros("stale, rows, busy points", 3)
         self.found, self.start = zeros("found", self.rows * ROW), zeros("start", self.count)
         self.listed, self.busy = zeros("how many found", self.count), zeros("busy points", self.count)
@@ -120,18 +108,6 @@ class Neighbours:
                     reach = ti.max(reach, self.margin[self.corners[q - self.bare][k]])
         return reach + self.radius[self.jello[self.points[q]]]
 
-    @ti.func
-    def along(self, j, d):
-        """The vector d along the axes of jello j."""
-        a = self.axes[j]
-        return ti.Vector(
-            [
-                a[0] * d[0] + a[1] * d[1] + a[2] * d[2],
-                a[3] * d[0] + a[4] * d[1] + a[5] * d[2],
-                a[6] * d[0] + a[7] * d[1] + a[8] * d[2],
-            ]
-        )
-
     @ti.kernel
     def _search(self, x: ti.template(), v: ti.template(), t: float, dt: float, frame_dt: float, least: float,
                 most: float) -> int:  # fmt: skip
@@ -163,52 +139,11 @@ class Neighbours:
         for a in range(self.jellos):
             self._meet(a)
         ti.loop_config(serialize=self.serial, block_dim=64)
-        for q in range(self.count):
-            self._list(q, x)
+        for n in range(STRIPES * self.stripe):
+            q = n % STRIPES * self.stripe + n // STRIPES
+            if q < self.count:
+                self._list(q, x)
         return self.state[1]
-
-    @ti.func
-    def _follow(self, j, x, v):
-        """The centre, speed and axes of jello j; `most`, for now, is how fast its particles move beside it."""
-        first, last = self.first[j], self.first[j + 1]
-        centre, drift, shape, squares = 0.0 * x[first], 0.0 * v[first], ti.Matrix.zero(float, 3, 3), 0.0 * x[first][0]
-        for i in range(first, last):
-            centre += x[i]
-            drift += v[i]
-        centre /= float(last - first)
-        drift /= float(last - first)
-        for i in range(first, last):
-            shape += (x[i] - centre).outer_product(self.lever[i])
-            squares += (v[i] - drift).dot(v[i] - drift)
-        axes = axes_of(shape)
-        self.centre[j], self.drift[j], self.most[j] = centre, drift, ti.sqrt(squares / float(last - first))
-        for k in ti.static(range(9)):
-            self.axes[j][k] = axes[k // 3, k % 3]
-
-    @ti.func
-    def _set_time(self, t, least):
-        """The lists are made t seconds after the frame began, and last until jellos have gone by each other by AHEAD,
-        or for `least` [s]."""
-        middle, fastest = 0.0 * self.drift[0], 0.0 * t
-        for j in range(self.jellos):
-            middle += self.drift[j] / float(self.jellos)
-        for j in range(self.jellos):
-            fastest = ti.max(fastest, 2.0 * (self.drift[j] - middle).norm())
-        self.clock[0] = t
-        self.clock[1] = ti.math.clamp(AHEAD * self.least_spacing / ti.max(fastest, TINY), least, LONGEST * least)
-
-    @ti.func
-    def _widen(self, j, x, v, dt, frame_dt, least, most):
-        """The margins of all particles of jello j, and its hull."""
-        usual = self.most[j]
-        wide = ti.math.clamp(1.5 * frame_dt * usual, least * self.spacing[j], most * self.spacing[j])
-        low, high = x[self.first[j]], x[self.first[j]]
-        for i in range(self.first[j], self.first[j + 1]):
-            speed = (v[i] - self.drift[j]).norm()
-            margin = ti.max(wide, ti.select(speed > 2.0 * usual, 8.0, 3.0) * dt * speed)  # few are quicker than that
-            self.margin[i], self.ref[i], self.own_x[i] = margin, x[i], self.along(j, x[i] - self.centre[j])
-            low, high = ti.min(low, x[i] - margin), ti.max(high, x[i] + margin)
-        self.hull[j] = box_around(low - self.radius[j], high + self.radius[j])
 
     @ti.func
     def _box(self, e):
@@ -315,9 +250,6 @@ class Neighbours:
     @ti.func
     def watch(self, first, last, x, v, t, dt):
         """Mark the lists as stale if one of the particles first … last - 1 may leave its margin in the next step."""
-        since = t - self.clock[0]
         for i in range(first, last):
-            drift = self.drift[self.jello[i]]
-            strays = (x[i] - self.ref[i] - since * drift).norm() + dt * (v[i] - drift).norm()
-            if strays > SPARE * self.margin[i] or since + dt > self.clock[1] or since < -0.5 * dt:
+            if self.strays(i, x, v, t, dt):
                 self.state[0] = 1
