@@ -6,7 +6,8 @@ import tempfile
 import numpy as np
 import pytest
 
-from taichi_jello import __version__, cli, runtime
+from taichi_jello import Box, Scene, __version__, cli, runtime
+from taichi_jello.studies import _scenes
 
 SMALL = """
 title = "Small"
@@ -249,8 +250,11 @@ def test_a_room_smaller_than_the_jello_is_refused(here, small, tmp_path):
     assert done.returncode == 2 and "small.toml: line 4: collider.0: expected a box around jello.0" in done.stderr
 
 
-def test_study_speed_measures_and_writes_json(jello, tmp_path):
-    done = jello("study", "speed", "--quick", "--json", "speed.json", timeout=300)
+def test_study_speed_measures_and_writes_json(here, tmp_path, monkeypatch):
+    """With two cubes in place of the demo `crowd`, which takes long to compile."""
+    cubes = [Box(points=(2, 2, 2), position=(x, 0.0, 0.0)) for x in (0.0, 0.9)]
+    monkeypatch.setattr(_scenes, "load", {"crowd": Scene(jello=cubes)}.get)
+    done = here("study", "speed", "--quick", "--json", "speed.json")
     assert done.returncode == 0, done.stderr
     told = json.loads((tmp_path / "speed.json").read_text())
     assert {row["n"] for row in told["kernels"]} == {4, 8}
