@@ -18,7 +18,6 @@ from taichi_jello.physics.touching import Touching
 ROOM = 40  # places in the lists for each point
 ROW = 8  # places in a row of a list: leaves, and in the last one where the next row begins
 OWN = 2.5  # distances between the points within which a jello does not touch itself: there its springs hold
-STRIPES = 16  # busy points follow each other from as many parts of all, so that each half of them costs about as much
 LEAST, MOST = 0.4, 0.6  # a margin's usual size, in distances between the points
 
 
@@ -44,7 +43,7 @@ class Neighbours(Margins):
         super().__init__(title, body, memory, touching)
         self.touching, self.count, self.elements = touching, len(touching.points), len(touching.nodes)
         self.serial = memory.owner.on_cpu and memory.particles < ALONE
-        self.rows, self.stripe = ROOM * self.count // ROW, -(-self.count // STRIPES)
+        self.rows = ROOM * self.count // ROW
         self.points, self.nodes = table("points", touching.points), table("elements", touching.nodes)
         self.bare, self.skinned = touching.bare, touching.bare < self.count
         if self.skinned:
@@ -139,10 +138,8 @@ class Neighbours(Margins):
         for a in range(self.jellos):
             self._meet(a)
         ti.loop_config(serialize=self.serial, block_dim=64)
-        for n in range(STRIPES * self.stripe):
-            q = n % STRIPES * self.stripe + n // STRIPES
-            if q < self.count:
-                self._list(q, x)
+        for q in range(self.count):
+            self._list(q, x)
         return self.state[1]
 
     @ti.func
