@@ -4,6 +4,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.body import Body
+from taichi_jello.physics.boxtree import WIDE
 
 TINY = 1e-12
 
@@ -51,3 +52,23 @@ def meet(box, low, high):
     for axis in ti.static(range(1, 3)):
         gap = larger(gap, larger(box[axis] - high[axis], low[axis] - box[axis + 3]))
     return gap <= 0.0
+
+
+@ti.func
+def which_meet(boxes: ti.template(), block, low, high):
+    """Which of the WIDE boxes of a block of `boxes` (B, 6, WIDE) meet the one from `low` to `high`, as bits. They are
+    stored axis by axis, so that the compiler makes vector code of it."""
+    found = 0
+    for k in range(WIDE):
+        gap = larger(boxes[block, 0, k] - high[0], low[0] - boxes[block, 3, k])
+        for axis in ti.static(range(1, 3)):
+            gap = larger(gap, larger(boxes[block, axis, k] - high[axis], low[axis] - boxes[block, axis + 3, k]))
+        found |= ti.select(gap <= 0.0, 1 << k, 0)
+    return found
+
+
+@ti.func
+def put_box(boxes: ti.template(), block, k, low, high):
+    """Make the box from `low` to `high` the k-th of a block; one from FAR to -FAR meets no other."""
+    for axis in ti.static(range(3)):
+        boxes[block, axis, k], boxes[block, axis + 3, k] = low[axis], high[axis]

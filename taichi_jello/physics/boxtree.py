@@ -16,13 +16,18 @@ WIDE = 8  # elements of a leaf, where it holds more than one, and children of a 
 class BoxTree:
     """order (E,): the elements by jello, those of a node side by side. first, last (K,): node k holds the elements
     order[first[k]] … order[last[k] - 1]; skip (K,): the next node that is not inside it; for a leaf k + 1.
-    start (J + 1,): jello j has the nodes start[j] … start[j + 1] - 1."""
+    start (J + 1,): jello j has the nodes start[j] … start[j + 1] - 1.
+    Leaves stand in blocks of up to WIDE, those of one parent: block (K,) is the block whose parent node k is, or whose
+    only leaf if that is a root, else -1; block b holds the leaves leaf[b] … behind[b] - 1, (B,) each."""
 
     order: np.ndarray
     first: np.ndarray
     last: np.ndarray
     skip: np.ndarray
     start: np.ndarray
+    block: np.ndarray
+    leaf: np.ndarray
+    behind: np.ndarray
 
     @classmethod
     def of(cls, owner: np.ndarray, middle: np.ndarray, single: np.ndarray) -> "BoxTree":
@@ -43,7 +48,12 @@ class BoxTree:
         firsts, lasts = (np.concatenate([np.zeros(0, int), *ends]) for ends in (first, last))
         down = np.lexsort((-lasts, firsts))
         firsts, lasts = firsts[down], lasts[down]
-        return cls(order, firsts, lasts, np.searchsorted(firsts, lasts), np.searchsorted(firsts, begin))
+        skip, start, number = np.searchsorted(firsts, lasts), np.searchsorted(firsts, begin), np.arange(len(firsts))
+        is_leaf = skip == number + 1
+        leaves = np.append(0, np.cumsum(is_leaf))
+        parent = np.where(is_leaf, np.isin(number, start), leaves[skip] - leaves[number] == skip - number - 1)
+        block = np.where(parent, np.cumsum(parent) - 1, -1)
+        return cls(order, firsts, lasts, skip, start, block, (number + ~is_leaf)[parent], skip[parent])
 
 
 def in_blocks(owner: np.ndarray, middle: np.ndarray) -> np.ndarray:

@@ -10,15 +10,14 @@ import taichi as ti
 from taichi_jello.physics.elements import nearer
 from taichi_jello.physics.exits import Exits
 from taichi_jello.physics.inside import AT_HAND, Inside
-from taichi_jello.physics.neighbours import Neighbours
+from taichi_jello.physics.neighbours import ROW, Neighbours
 from taichi_jello.physics.touching import FAR, Touching
 from taichi_jello.torn import still_there
 
 AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and left out
 SLOTS = 16  # contacts of a point that are listed; if it has more, all contacts are looked through
-UNIT = 1024  # a whole contact in the count of what presses on a point, in which a corner has its share
 TINY = 1e-9  # m
-LOAD = 2  # whole contacts that press on one point with full stiffness: its own and one that it is a corner of
+LOAD = 2.0  # whole contacts that press on one point with full stiffness: its own and one that it is a corner of
 
 
 @ti.data_oriented
@@ -28,7 +27,7 @@ class Contacts:
     list and weight_in, from SLOTS q on: the listed[q] contacts that press on point q, in ascending order, and its
     weight in each: 1 in its own, less than 0 where it is a corner."""
 
-    rounds = 4
+    rounds = 5
 
     def __init__(self, title, body, memory, others, itself, tears):
         """tears: whether springs may; an element that is parted is not touched any more."""
@@ -63,7 +62,8 @@ class Contacts:
         if self.has_thin:
             self.apart = memory.zeros(title, "apart", (count,))
         self.share = memory.zeros(title, "shares of contacts", (count,))
-        self.own, self.load = whole("contacts of each point", self.points), whole("loads", self.points)
+        self.own = whole("contacts of each point", self.points)
+        self.load = memory.zeros(title, "loads", (self.points,))  # in whole contacts, a corner has its share of one
         self.listed, self.list = whole("listed contacts", self.points), whole("lists", self.points * SLOTS)
         self.weight_in = memory.zeros(title, "weights in them", (self.points * SLOTS,))
 
@@ -76,7 +76,7 @@ class Contacts:
             for i in range(first, last):
                 self.there[i] = x[i] + ahead * v[i]
             for q in range(from_, to):
-                self.own[q], self.load[q], self.listed[q] = 0, 0, 0
+                self.own[q], self.listed[q] = 0, 0
         elif ti.static(r == 1):
             for q in range(from_, to):
                 if self.near.meets_any[self.near.jello[self.near.points[q]]]:
@@ -84,7 +84,7 @@ class Contacts:
             if ti.static(self.has_solid):
                 leaves = self.near.boxes_of_nodes
                 for n in range(system.share_of(first, leaves), system.share_of(last, leaves)):
-                    if self.near.is_found[n]:
+                    if self.near.is_found[n] and self.inside.block[n] >= 0:
                         self.inside.fit(n)
         elif ti.static(r == 2):
             busy = self.near.state[2]
@@ -96,9 +96,16 @@ class Contacts:
                     self.inside.count[q] = self.inside.sift(q, self.inside.count[q])
             for k in range(system.share_of(first, busy), system.share_of(last, busy)):
                 self.find(self.near.busy[k], v, ahead)
-        else:
+        elif ti.static(r == 3):
+            for k in range(self.near.state[2]):
+                self.enter(self.near.busy[k], from_, to)
             for q in range(from_, to):
-                self.settle(q)
+                if self.listed[q] > 0:
+                    self.sort(q)
+        else:
+            busy = self.near.state[2]
+            for k in range(system.share_of(first, busy), system.share_of(last, busy)):
+                self.settle(self.near.busy[k])
 
     def obey(self, law):
         """Let go of what is torn (see taichi_jello.law)."""
@@ -142,7 +149,7 @@ class Contacts:
     def find_thin(self, q, met, v, ahead):
         """Count on from `met` with the nearest triangle or segment within reach of each other jello."""
         p, best, jello = self.place[q], ti.cast(FAR, float), -1
-        place, end = self.near.start[q], self.near.listed[q]
+        place, end = q * ROW, self.near.listed[q]
         corners, weights = ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
         for k in range(end + 1):  # one more than listed, to end with the last jello
             e, other = 0, -1
@@ -181,30 +188,28 @@ class Contacts:
             self.apart[contact] = apart
         if touches:
             self.corners[contact], self.weights[contact], self.normal[contact] = corners, weights, n
-            self.enter(contact, q, 1.0, self.part(q))
-            for k in ti.static(range(3)):
-                if weights[k] > 0.0:
-                    self.enter(contact, corners[k], -weights[k], self.part(q))
         return touches
 
     @ti.func
-    def enter(self, contact, q, weight, part):
-        """List a contact with point q, and its weight in it; `part` is that of the point whose contact it is."""
-        ti.atomic_add(self.load[q], int(UNIT * ti.abs(weight) * part / self.part(q) + 0.5))
-        place = ti.atomic_add(self.listed[q], 1)
-        if place < SLOTS:
-            self.list[q * SLOTS + place], self.weight_in[q * SLOTS + place] = contact, weight
-
-    @ti.func
-    def settle(self, q):
-        """A contact counts for less where more press on one of its points than may with full stiffness. Contacts were
-        listed in any order; they are to be gone through in that of their numbers."""
+    def enter(self, q, from_, to):
+        """List the contacts of point q with those of the points from_ … to - 1 that they press on. (Members of a team
+        go through all contacts, each for its own points: what two write to makes both wait.)"""
         for contact in range(q * AT_ONCE, q * AT_ONCE + self.own[q]):
-            most = ti.max(self.load[q], LOAD * UNIT)
+            self.enlist(contact, q, 1.0, from_, to)
             for k in ti.static(range(3)):
                 if self.weights[contact][k] > 0.0:
-                    most = ti.max(most, self.load[self.corners[contact][k]])
-            self.share[contact] = float(LOAD * UNIT) / most
+                    self.enlist(contact, self.corners[contact][k], -self.weights[contact][k], from_, to)
+
+    @ti.func
+    def enlist(self, contact, q, weight, from_, to):
+        if from_ <= q < to:
+            place = ti.atomic_add(self.listed[q], 1)
+            if place < SLOTS:
+                self.list[q * SLOTS + place], self.weight_in[q * SLOTS + place] = contact, weight
+
+    @ti.func
+    def sort(self, q):
+        """Contacts were listed in any order; they are to be gone through in that of their numbers."""
         if self.listed[q] <= SLOTS:
             first = q * SLOTS
             for k in range(first + 1, first + self.listed[q]):
@@ -213,6 +218,22 @@ class Contacts:
                     self.list[place], self.weight_in[place] = self.list[place - 1], self.weight_in[place - 1]
                     place -= 1
                 self.list[place], self.weight_in[place] = contact, weight
+        load = ti.cast(0.0, float)
+        for k in range(self.rounds_of(q)):
+            contact, g = self.pressing(q, k)
+            if g != 0.0:
+                load += ti.abs(g) * self.part(contact // AT_ONCE)
+        self.load[q] = load / self.part(q)
+
+    @ti.func
+    def settle(self, q):
+        """A contact counts for less where more press on one of its points than may with full stiffness."""
+        for contact in range(q * AT_ONCE, q * AT_ONCE + self.own[q]):
+            most = ti.max(self.load[q], LOAD)
+            for k in ti.static(range(3)):
+                if self.weights[contact][k] > 0.0:
+                    most = ti.max(most, self.load[self.corners[contact][k]])
+            self.share[contact] = LOAD / most
 
     @ti.func
     def weight(self, contact, q):

@@ -1,11 +1,12 @@
 """Which cells of other jellos hold a point: first by the boxes around them, then by the cells themselves."""
 
+import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.boxes import box_around, meet
+from taichi_jello.physics.boxes import put_box, which_meet
 from taichi_jello.physics.boxtree import WIDE
 from taichi_jello.physics.elements import cell_holds
-from taichi_jello.physics.neighbours import Neighbours
+from taichi_jello.physics.neighbours import ROW, Neighbours
 from taichi_jello.physics.state import Memory
 from taichi_jello.physics.touching import FAR
 
@@ -20,44 +21,40 @@ class Inside:
 
     def __init__(self, title: str, memory: Memory, near: Neighbours, there: ti.Field, place: ti.Field):
         self.near, self.there, self.place, self.solid = near, there, place, near.touching.solid
-        self.boxes = memory.zeros(title, "boxes of cells", (len(near.touching.nodes) + WIDE, 6))
-        self.leaf_boxes = memory.zeros(title, "boxes of leaves", (near.boxes_of_nodes, 6))
+        tree = near.tree
+        solid = (tree.skip == np.arange(len(tree.skip)) + 1) & (tree.order[tree.first] < self.solid)
+        self.block = memory.table(title, "leaves of cells", np.where(solid, np.cumsum(solid) - 1, -1))
+        self.boxes = memory.numbers(title, "boxes of cells", (solid.sum(), 6, WIDE))
         self.cells = memory.zeros(title, "cells at hand", (AT_HAND * near.count,), whole=True)
         self.count = memory.zeros(title, "how many cells", (near.count,), whole=True)
 
     @ti.func
     def fit(self, n):
-        """The boxes of leaf n and of its cells as they are now."""
-        all_low, all_high = ti.Vector([FAR, FAR, FAR]), -ti.Vector([FAR, FAR, FAR])
-        for at in range(self.near.tree_first[n], self.near.tree_last[n]):
-            nodes = self.near.nodes[self.near.tree_order[at]]
-            low = self.there[nodes[0]]
-            high = low
-            for k in ti.static(range(1, 8)):
-                low, high = ti.min(low, self.there[nodes[k]]), ti.max(high, self.there[nodes[k]])
-            self.boxes[at] = box_around(low, high)
-            all_low, all_high = ti.min(all_low, low), ti.max(all_high, high)
-        self.leaf_boxes[n] = box_around(all_low, all_high)
+        """The boxes of the cells of leaf n as they are now."""
+        for k in range(WIDE):
+            low, high, place = ti.Vector([FAR, FAR, FAR]), -ti.Vector([FAR, FAR, FAR]), self.near.tree_first[n] + k
+            if place < self.near.tree_last[n]:
+                nodes = self.near.nodes[self.near.tree_order[place]]
+                for corner in ti.static(range(8)):
+                    low, high = ti.min(low, self.there[nodes[corner]]), ti.max(high, self.there[nodes[corner]])
+            put_box(self.boxes, self.block[n], k, low, high)
 
     @ti.func
     def collect(self, q):
         """List the cells whose boxes hold a point."""
-        p, place, count = self.place[q], self.near.start[q], 0
+        p, place, count = self.place[q], q * ROW, 0
         for _ in range(self.near.listed[q]):
             n, place = self.near.next(place)
-            if meet(self.leaf_boxes[n], p, p) and self.near.tree_order[self.near.tree_first[n]] < self.solid:
-                if count > AT_HAND - WIDE:
+            if self.block[n] >= 0:
+                holding, cell = which_meet(self.boxes, self.block[n], p, p), self.near.tree_first[n]
+                if holding != 0 and count > AT_HAND - WIDE:
                     count = self.sift(q, count)
-                first, last, inside = self.near.tree_first[n], self.near.tree_last[n], 0
-                for lane in ti.static(range(WIDE)):
-                    holds = (first + lane < last) & meet(self.boxes[first + lane], p, p)
-                    inside |= ti.cast(holds, int) << lane
-                while inside != 0:
-                    if inside & 1 and count < AT_HAND:
-                        self.cells[q * AT_HAND + count] = self.near.tree_order[first]
+                while holding != 0:
+                    if holding & 1 and count < AT_HAND:
+                        self.cells[q * AT_HAND + count] = self.near.tree_order[cell]
                         count += 1
-                    inside >>= 1
-                    first += 1
+                    holding >>= 1
+                    cell += 1
         self.count[q] = count
 
     @ti.func

@@ -5,25 +5,28 @@ see margins.py. Boxes are those along the jello's own axes, which fit it well ho
 too much: what it holds beyond the points that touch adds nothing, so no number depends on when it was made.
 """
 
+from typing import Any
+
 import numpy as np
 import taichi as ti
 
 from taichi_jello.body import Body
-from taichi_jello.physics.boxes import box_around, meet
-from taichi_jello.physics.boxtree import BoxTree
+from taichi_jello.physics.boxes import box_around, meet, put_box, which_meet
+from taichi_jello.physics.boxtree import WIDE, BoxTree
 from taichi_jello.physics.margins import Margins
-from taichi_jello.physics.state import ALONE, Memory
-from taichi_jello.physics.touching import Touching
+from taichi_jello.physics.state import Memory
+from taichi_jello.physics.touching import FAR, Touching
 
 ROOM = 40  # places in the lists for each point
 ROW = 8  # places in a row of a list: leaves, and in the last one where the next row begins
 OWN = 2.5  # distances between the points within which a jello does not touch itself: there its springs hold
+ROUNDS = 7  # of a search
 LEAST, MOST = 0.4, 0.6  # a margin's usual size, in distances between the points
 
 
 @ti.data_oriented
 class Neighbours(Margins):
-    """Point q has listed[q] leaves near it, read one after another by `next` from start[q] on, jello by jello: blocks
+    """Point q has listed[q] leaves near it, read one after another by `next` from row q on, jello by jello: blocks
     of cells, single triangles or segments, the elements tree_order[tree_first[n]] … tree_order[tree_last[n] - 1].
 
     Points that have any: busy[0] … busy[state[2] - 1]."""
@@ -42,7 +45,6 @@ class Neighbours(Margins):
 
         super().__init__(title, body, memory, touching)
         self.touching, self.count, self.elements = touching, len(touching.points), len(touching.nodes)
-        self.serial = memory.owner.on_cpu and memory.particles < ALONE
         self.rows = ROOM * self.count // ROW
         self.points, self.nodes = table("points", touching.points), table("elements", touching.nodes)
         self.bare, self.skinned = touching.bare, touching.bare < self.count
@@ -51,16 +53,18 @@ class Neighbours(Margins):
             self.weights = table("skin weights", touching.weights)
         owner = body.jello[touching.nodes[:, 0]]
         self.owner = table("jello of each element", owner)
-        tree = BoxTree.of(owner, body.rest[touching.nodes].mean(1), touching.radius > 0.0)
-        self.boxes_of_nodes = len(tree.first)
+        self.tree = tree = BoxTree.of(owner, body.rest[touching.nodes].mean(1), touching.radius > 0.0)
+        self.boxes_of_nodes, self.blocks = len(tree.first), len(tree.leaf)
         self.tree_order, self.tree_skip = table("tree: elements", tree.order), table("tree: next nodes", tree.skip)
         self.tree_first, self.tree_last = table("tree: first elements", tree.first), table("tree: ends", tree.last)
-        self.tree_start = table("tree: roots", tree.start)
+        self.tree_start, self.tree_block = table("tree: roots", tree.start), table("tree: blocks", tree.block)
+        self.tree_leaf, self.tree_behind = table("tree: leaves", tree.leaf), table("tree: their ends", tree.behind)
         self.element_box, self.node_box = numbers("boxes", self.elements, 6), numbers("tree: boxes", len(tree.first), 6)
+        self.leaf_box = memory.numbers(title, "tree: boxes of leaves", (self.blocks, 6, WIDE))
         self.is_found, self.meets_any = zeros("leaves near points", len(tree.first)), zeros("meets any", self.jellos)
         self.met = zeros("jellos that each meets", self.jellos * self.jellos)
         self.state = zeros("stale, rows, busy points", 3)
-        self.found, self.start = zeros("found", self.rows * ROW), zeros("start", self.count)
+        self.found = zeros("found", self.rows * ROW)
         self.listed, self.busy = zeros("how many found", self.count), zeros("busy points", self.count)
         self.others, self.itself, self.with_self = others, itself, bool(itself.any())
         if self.with_self:
@@ -75,10 +79,10 @@ class Neighbours(Margins):
         if self.fresh:
             self._set_clock(self.made_at - start)
 
-    def refresh(self, x: ti.MatrixField, v: ti.MatrixField, t: float, dt: float, frame_dt: float) -> None:
-        """Make the lists anew for particles at x that move at v, t seconds after the current frame began."""
+    def refresh(self, system: Any, t: float, dt: float, frame_dt: float) -> None:
+        """Make the lists anew for the particles as they are t seconds after the current frame began."""
         scale = 1.0
-        while self._search(x, v, t, dt, frame_dt, scale * LEAST, scale * MOST) > self.rows and scale > 0.01:
+        while self._search(system, t, dt, frame_dt, scale * LEAST, scale * MOST) > self.rows and scale > 0.01:
             scale *= 0.5
         self.fresh, self.made_at = True, self.frame_start + t
 
@@ -108,39 +112,65 @@ class Neighbours(Margins):
         return reach + self.radius[self.jello[self.points[q]]]
 
     @ti.kernel
-    def _search(self, x: ti.template(), v: ti.template(), t: float, dt: float, frame_dt: float, least: float,
-                most: float) -> int:  # fmt: skip
+    def _search(self, system: ti.template(), t: float, dt: float, frame_dt: float, least: float, most: float) -> int:
         """Returns how many rows the lists have, which may be more than there is room for. Usual margins are between
         `least` and `most` distances between the points."""
-        for k in ti.static(range(3)):
-            self.state[k] = 0
-        ti.loop_config(serialize=self.serial, block_dim=1)
-        for j in range(self.jellos):
-            self._follow(j, x, v)
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            self._set_time(t, ti.max(frame_dt, 3.0 * dt))
-        ti.loop_config(serialize=self.serial, block_dim=1)
-        for j in range(self.jellos):
-            self._widen(j, x, v, dt, frame_dt, least, most)
-        ti.loop_config(serialize=self.serial, block_dim=64)
-        for place in range(self.elements):
-            self.element_box[place] = self._box(self.tree_order[place])
-        ti.loop_config(serialize=self.serial, block_dim=16)
-        for n in range(self.boxes_of_nodes):
-            box = self.element_box[self.tree_first[n]]
-            low, high = box[:3], box[3:]
-            for place in range(self.tree_first[n] + 1, self.tree_last[n]):
-                box = self.element_box[place]
-                low, high = ti.min(low, box[:3]), ti.max(high, box[3:])
-            self.node_box[n], self.is_found[n] = box_around(low, high), 0
-        ti.loop_config(serialize=self.serial, block_dim=1)
-        for a in range(self.jellos):
-            self._meet(a)
-        ti.loop_config(serialize=self.serial, block_dim=64)
-        for q in range(self.count):
-            self._list(q, x)
-        return self.state[1]
+        if ti.static(system.team == 0):
+            for r in ti.static(range(ROUNDS)):
+                self._round(r, system, 0, system.count, t, dt, frame_dt, least, most)
+        else:
+            ti.loop_config(serialize=system.team == 1, block_dim=1)
+            for member in range(system.team):
+                first, last = system.part_of(member)
+                for r in ti.static(range(ROUNDS)):
+                    system.wait_for_team()
+                    self._round(r, system, first, last, t, dt, frame_dt, least, most)
+        return self.count + self.state[1]
+
+    @ti.func
+    def _round(self, r: ti.template(), system, first, last, t, dt, frame_dt, least, most):
+        """Round r of the search, done by everybody before the next one begins; for the share of the particles first …
+        last - 1 in everything there is."""
+        once = ti.select(first == 0, 1, 0)
+        if ti.static(r == 0):
+            for j in range(system.share_of(first, self.jellos), system.share_of(last, self.jellos)):
+                self._follow(j, system.state.x, system.state.v)
+        elif ti.static(r == 1):
+            for _ in range(once):
+                self._set_time(t, ti.max(frame_dt, 3.0 * dt))
+                self.state[0], self.state[1], self.state[2] = 0, 0, 0
+        elif ti.static(r == 2):
+            for j in range(system.share_of(first, self.jellos), system.share_of(last, self.jellos)):
+                self._widen(j, system.state.x, system.state.v, dt, frame_dt, least, most)
+        elif ti.static(r == 3):
+            for place in range(system.share_of(first, self.elements), system.share_of(last, self.elements)):
+                self.element_box[place] = self._box(self.tree_order[place])
+            for a in range(system.share_of(first, self.jellos), system.share_of(last, self.jellos)):
+                self._meet(a)
+        elif ti.static(r == 4):
+            for b in range(system.share_of(first, self.blocks), system.share_of(last, self.blocks)):
+                self._fit(b)
+            for n in range(system.share_of(first, self.boxes_of_nodes), system.share_of(last, self.boxes_of_nodes)):
+                if self.tree_block[n] < 0 and self.tree_skip[n] > n + 1:
+                    low, high = self._all_of(n)
+                    self.node_box[n] = box_around(low, high)
+        elif ti.static(r == 5):
+            for q in range(system.share_of(first, self.count), system.share_of(last, self.count)):
+                self._list(q, system.state.x)
+        else:
+            for q in range(once * self.count):
+                if self.listed[q] > 0:
+                    self.busy[ti.atomic_add(self.state[2], 1)] = q
+
+    @ti.func
+    def _fit(self, block):
+        """The boxes of the leaves of a block."""
+        for k in range(WIDE):
+            leaf, low, high = self.tree_leaf[block] + k, ti.Vector([FAR, FAR, FAR]), -ti.Vector([FAR, FAR, FAR])
+            if leaf < self.tree_behind[block]:
+                low, high = self._all_of(leaf)
+                self.is_found[leaf] = 0
+            put_box(self.leaf_box, block, k, low, high)
 
     @ti.func
     def _box(self, e):
@@ -152,6 +182,16 @@ class Neighbours(Margins):
             low, high, reach = ti.min(low, self.own_x[i]), ti.max(high, self.own_x[i]), ti.max(reach, self.margin[i])
         reach += self.radius[self.owner[e]]
         return box_around(low - reach, high + reach)
+
+    @ti.func
+    def _all_of(self, n):
+        """The corners of the box of node n."""
+        box = self.element_box[self.tree_first[n]]
+        low, high = box[:3], box[3:]
+        for place in range(self.tree_first[n] + 1, self.tree_last[n]):
+            box = self.element_box[place]
+            low, high = ti.min(low, box[:3]), ti.max(high, box[3:])
+        return low, high
 
     @ti.func
     def _meet(self, a):
@@ -185,16 +225,21 @@ class Neighbours(Margins):
             there = here + self.along(b, way)
             low, high = ti.min(here, there) - reach, ti.max(here, there) + reach
             while n < self.tree_start[b + 1]:
-                if not meet(self.node_box[n], low, high):
+                block = self.tree_block[n]
+                if block >= 0:
+                    near, leaf = which_meet(self.leaf_box, block, low, high), self.tree_leaf[block]
+                    while near != 0:
+                        if near & 1 and self._may_touch(q, leaf, a == b):
+                            place = self._append(q, listed, place, leaf)
+                            listed += place >= 0
+                        near >>= 1
+                        leaf += 1
                     n = self.tree_skip[n]
-                else:
-                    if self.tree_skip[n] == n + 1 and self._may_touch(q, n, a == b):
-                        place = self._append(q, listed, place, n)
-                        listed += place >= 0
+                elif meet(self.node_box[n], low, high):
                     n += 1
+                else:
+                    n = self.tree_skip[n]
         self.listed[q] = listed
-        if listed > 0:
-            self.busy[ti.atomic_add(self.state[2], 1)] = q
 
     @ti.func
     def _may_touch(self, q, n, own):
@@ -222,23 +267,23 @@ class Neighbours(Margins):
         """Add leaf n to the list of point q, which has `listed` until now; returns the place behind it, less than 0
         if there is no room."""
         to = place
-        if listed % (ROW - 1) == 0:
-            row = ti.atomic_add(self.state[1], 1)
-            to = -1
+        if listed == 0:
+            to = q * ROW
+        elif listed % (ROW - 1) == 0:
+            row, to = self.count + ti.atomic_add(self.state[1], 1), -1
             if row < self.rows:
                 to = row * ROW
-                if listed == 0:
-                    self.start[q] = to
-                else:
-                    self.found[place] = to
+                self.found[place] = to
         if to >= 0:
-            self.is_found[n], self.found[to] = 1, n
+            self.found[to] = n
+            if not self.is_found[n]:  # one thread's storing makes the other one wait
+                self.is_found[n] = 1
             to += 1
         return to
 
     @ti.func
     def next(self, place):
-        """The leaf at a place of a list, and the next place."""
+        """The leaf at a place of a list, from ROW q on, and the next place."""
         n, after = self.found[place], place + 1
         if after % ROW == ROW - 1:
             after = self.found[after]

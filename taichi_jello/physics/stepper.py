@@ -43,8 +43,7 @@ class Stepper:
         else:
             ti.loop_config(block_dim=1)
         for member in range(self.team):
-            first = member * self.system.passes // self.team * self.system.lanes
-            last = ti.min((member + 1) * self.system.passes // self.team * self.system.lanes, self.count)
+            first, last = self.system.part_of(member)
             if ti.static(self.books):  # noqa: SIM102
                 if start == origin:
                     self.ledger.book(self.system, first, last, 0, stop - origin, origin, dt)

@@ -186,6 +186,12 @@ class System:
         return m
 
     @ti.func
+    def part_of(self, member):
+        """The first particle of a member of the team, and the first behind its last."""
+        first = member * self.passes // self.team * self.lanes
+        return first, ti.min((member + 1) * self.passes // self.team * self.lanes, self.count)
+
+    @ti.func
     def share_of(self, particle, points):
         """Where `points` of any kind are cut for a member of the team whose particles are cut at `particle`."""
         return cut(self.count, particle, points)
@@ -216,7 +222,7 @@ class System:
         """Have forces bring up to date what they keep for many steps, where they do not know that it is."""
         for force in self.watched:
             if not force.fresh:
-                force.refresh(self.state.x, self.state.v, t, dt)
+                force.refresh(self, t, dt)
 
     def _forget(self) -> None:
         for force in self.watched:

@@ -23,6 +23,12 @@ def test_a_tree_holds_every_element_once_in_compact_nodes():
         for n in nodes:  # what is skipped with a node is what is in it
             inside = [m for m in leaves if n <= m < tree.skip[n]]
             assert tree.first[n] == tree.first[inside[0]] and tree.last[n] == tree.last[inside[-1]]
+        blocks = [b for b in tree.block[nodes.start : nodes.stop] if b >= 0]
+        assert [m for b in blocks for m in range(tree.leaf[b], tree.behind[b])] == leaves  # each leaf in one block
+        for n in nodes:
+            if tree.block[n] >= 0:
+                b = tree.block[n]
+                assert n <= tree.leaf[b] < tree.behind[b] == tree.skip[n] <= tree.leaf[b] + WIDE
 
 
 def test_the_leaves_of_a_lattice_are_blocks():

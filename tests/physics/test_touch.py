@@ -93,7 +93,7 @@ def test_the_list_holds_every_point_near_an_element(crash):
     crash.system.write(*crash.system.read())
     crash.energies()
     near = next(force for force in crash.system.all_forces if isinstance(force, Touch)).near
-    start, number, found, x = near.start.to_numpy(), near.listed.to_numpy(), near.found.to_numpy(), crash.x
+    number, found, x = near.listed.to_numpy(), near.found.to_numpy(), crash.x
     margin = near.margin.to_numpy()
     order, first, last = (field.to_numpy() for field in (near.tree_order, near.tree_first, near.tree_last))
     jello, corners = crash.body.jello, x[near.touching.nodes]
@@ -103,7 +103,7 @@ def test_the_list_holds_every_point_near_an_element(crash):
     for q, i in enumerate(near.touching.points):
         reach = 0.999 * (margin[i] + margin[near.touching.nodes].min(1))
         inside = np.linalg.norm(within - x[i], axis=2).min(1) < reach
-        listed, place = [], start[q]
+        listed, place = [], q * ROW
         for _ in range(number[q]):
             listed.append(found[place])
             place = found[place + 1] if place % ROW == ROW - 2 else place + 1

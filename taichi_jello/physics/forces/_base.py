@@ -87,9 +87,9 @@ class ParticleForce:
     by `tune`. A force with neither still acts at the end of the step, but the solve does not see it coming.
 
     With `watches` it keeps something for many steps that is right as long as the particles have not moved too far. It
-    defines `fresh`, whether it is right to its knowledge; `forget()`, after which it is not; `refresh(x, v, t, dt)`,
-    which brings it up to date for the fields x and v of all particles at `t` seconds after the current frame began and
-    steps of dt [s]; `@ti.func watch(self, first, last, x, v, t, dt)`, which before each step looks whether one of the
+    defines `fresh`, whether it is right to its knowledge; `forget()`, after which it is not; `refresh(system, t,
+    dt)`, which brings it up to date for the state of the system `t` seconds after the current frame began and steps of
+    dt [s]; `@ti.func watch(self, first, last, x, v, t, dt)`, which before each step looks whether one of the
     particles first … last - 1 may move too far in it; and `@ti.func stale(self)`, whether any may: then the step has to
     wait.
 

@@ -208,8 +208,8 @@ class Touch(ContactLaw, ParticleForce):
     def begin_frame(self, start, end):
         self.near.begin_frame(start)
 
-    def refresh(self, x, v, t, dt):
-        self.near.refresh(x, v, t, dt, self.frame_dt)
+    def refresh(self, system, t, dt):
+        self.near.refresh(system, t, dt, self.frame_dt)
 
     @property
     def fresh(self):
