@@ -24,6 +24,7 @@ class RungeKutta(Integrator):
         self.looks_at = 0.5 if self.stages > 1 else 0.0
         rows = np.array([[*row, *[0.0] * (self.stages - len(row))] for row in (*self.a, self.b)])
         both = np.stack([rows @ rows[:-1], rows], -1)
+        self.lanes, self.Lanes = memory.lanes, memory.lane_vector
         self.weights = memory.table(self.name, "weights for x and v", both.reshape(-1, 2))
         self.c = memory.table(self.name, "c", rows.sum(1))
         self.at = State.made_in(memory, f"{self.name} stage")
@@ -38,15 +39,31 @@ class RungeKutta(Integrator):
     @ti.func
     def stage(self, system, first, last, s, t, dt):
         system.accelerations(first, last, self.at.x, self.at.v, t + self.c[s] * dt, self.acceleration)
-        for i in range(first, last):  # to where the next row of the tableau leads
+        for i in range(first, last):
             self.slopes[s, i] = self.acceleration[i]
-            before, dx, dv = self.state.v[i], ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+        for p in range(first // self.lanes, (last + self.lanes - 1) // self.lanes):
+            start = p * self.lanes
+            self.go(start, ti.min(start + self.lanes, last), s, dt)
+
+    @ti.func
+    def go(self, first, last, s, dt):
+        """To where the row of the tableau after s leads, the particles first … last - 1 of one pass. What is reckoned
+        is stored in local arrays, so that LLVM vectorises it: a store to a field might move all other fields."""
+        c = self.c[s + 1]
+        for axis in ti.static(range(3)):
+            x, v = self.Lanes(0.0), self.Lanes(0.0)
             for j in range(s + 1):
-                weight, k = self.weights[(s + 1) * self.stages + j], self.slopes[j, i]
-                dx += weight[0] * k
-                dv += weight[1] * k
-            self.at.x[i] = self.state.x[i] + dt * (self.c[s + 1] * before + dt * dx)
-            self.at.v[i] = before + dt * dv
+                weight = self.weights[(s + 1) * self.stages + j]
+                for lane in range(self.lanes):
+                    k = self.slopes[j, first + lane][axis]
+                    x[lane] += weight[0] * k
+                    v[lane] += weight[1] * k
+            for lane in range(self.lanes):
+                before = self.state.v[first + lane][axis]
+                x[lane] = self.state.x[first + lane][axis] + dt * (c * before + dt * x[lane])
+                v[lane] = before + dt * v[lane]
+            for i in range(first, last):
+                self.at.x[i][axis], self.at.v[i][axis] = x[i - first], v[i - first]
 
     @ti.func
     def finish(self, system, first, last, t, dt):
