@@ -41,15 +41,28 @@ class RungeKutta(Integrator):
         system.accelerations(first, last, self.at.x, self.at.v, t + self.c[s] * dt, self.acceleration)
         for i in range(first, last):
             self.slopes[s, i] = self.acceleration[i]
-        for p in range(first // self.lanes, (last + self.lanes - 1) // self.lanes):
-            start = p * self.lanes
-            self.go(start, ti.min(start + self.lanes, last), s, dt)
+        if ti.static(self.lanes == 1):
+            for i in range(first, last):
+                self.go_on(i, s, dt)
+        else:
+            for p in range(first // self.lanes, (last + self.lanes - 1) // self.lanes):
+                self.go_on_in_pass(p * self.lanes, ti.min((p + 1) * self.lanes, last), s, dt)
 
     @ti.func
-    def go(self, first, last, s, dt):
-        """To where the row of the tableau after s leads, the particles first … last - 1 of one pass. What is reckoned
-        is stored in local arrays, so that LLVM vectorises it: a store to a field might move all other fields."""
-        c = self.c[s + 1]
+    def go_on(self, i, s, dt):
+        """To where the row of the tableau after s leads."""
+        before, dx, dv = self.state.v[i], ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+        for j in range(s + 1):
+            weight, k = self.weights[(s + 1) * self.stages + j], self.slopes[j, i]
+            dx += weight[0] * k
+            dv += weight[1] * k
+        self.at.x[i] = self.state.x[i] + dt * (self.c[s + 1] * before + dt * dx)
+        self.at.v[i] = before + dt * dv
+
+    @ti.func
+    def go_on_in_pass(self, first, last, s, dt):
+        """The same for the particles first … last - 1 of one pass. What is reckoned is stored in local arrays, so that
+        LLVM vectorises it: a store to a field might move all other fields."""
         for axis in ti.static(range(3)):
             x, v = self.Lanes(0.0), self.Lanes(0.0)
             for j in range(s + 1):
@@ -60,7 +73,7 @@ class RungeKutta(Integrator):
                     v[lane] += weight[1] * k
             for lane in range(self.lanes):
                 before = self.state.v[first + lane][axis]
-                x[lane] = self.state.x[first + lane][axis] + dt * (c * before + dt * x[lane])
+                x[lane] = self.state.x[first + lane][axis] + dt * (self.c[s + 1] * before + dt * x[lane])
                 v[lane] = before + dt * v[lane]
             for i in range(first, last):
                 self.at.x[i][axis], self.at.v[i][axis] = x[i - first], v[i - first]
