@@ -56,10 +56,9 @@ def stiff_row(arch: str, n: int, stiffness: float, frames: int) -> dict[str, Any
     }
 
 
-def crowd_row(arch: str, seconds: float, runs: int) -> dict[str, Any]:
+def crowd_row(arch: str, seconds: float) -> dict[str, Any]:
     """Milliseconds a frame of the demo `crowd` over its first `seconds`: mean, the worst section, the last one; and the
-    share of all that which the search for what is near what takes, 0 to 1. Every run repeats the same frames to the
-    bit: each counts with its median of `runs`, and `min_ms` is the mean with the least of each."""
+    share of all that which the search for what is near what takes, 0 to 1."""
     from taichi_jello.physics.forces.touch import Touch
 
     runtime.start(arch)
@@ -74,25 +73,21 @@ def crowd_row(arch: str, seconds: float, runs: int) -> dict[str, Any]:
         searched += time.perf_counter() - start
 
     simulation.frame()  # compiles
+    simulation.reset()
     near.refresh = timed
-    taken = np.zeros((runs, round(seconds / simulation.frame_dt)))
-    for run in taken:
-        simulation.reset()
-        for frame in range(len(run)):
-            start = time.perf_counter()
-            simulation.frame()
-            run[frame] = 1e3 * (time.perf_counter() - start)
-    times = np.median(taken, axis=0)
+    frames, times = round(seconds / simulation.frame_dt), []
+    for _ in range(frames):
+        start = time.perf_counter()
+        simulation.frame()
+        times.append(1e3 * (time.perf_counter() - start))
     sections = [part.mean() for part in np.array_split(times, max(1, round(seconds / SECTION)))]
     return {
         "seconds": seconds,
-        "runs": runs,
-        "ms": float(times.mean()),
-        "min_ms": float(taken.min(0).mean()),
+        "ms": float(np.mean(times)),
         "worst_ms": float(max(sections)),
         "last_ms": float(sections[-1]),
         "real_time_ms": 1e3 * simulation.frame_dt,
-        "search_share": 1e3 * searched / float(taken.sum()),
+        "search_share": 1e3 * searched / float(np.sum(times)),
         "threads": runtime.current().threads,
     }
 
@@ -127,10 +122,9 @@ def lines(told: dict[str, Any]) -> list[str]:
     ]
     if crowd:
         found.append(
-            f"crowd, the first {crowd['seconds']:g} s, {crowd['threads']} threads, median of {crowd['runs']} runs: "
-            f"{crowd['ms']:.1f} ms a frame (least {crowd['min_ms']:.1f}; real time: {crowd['real_time_ms']:.1f}), "
-            f"{crowd['worst_ms']:.1f} in the worst {SECTION:g} s, {crowd['last_ms']:.1f} in the last; contact search "
-            f"{100.0 * crowd['search_share']:.0f} % of it"
+            f"crowd, the first {crowd['seconds']:g} s, {crowd['threads']} threads: {crowd['ms']:.1f} ms a frame "
+            f"(real time: {crowd['real_time_ms']:.1f}), {crowd['worst_ms']:.1f} in the worst {SECTION:g} s, "
+            f"{crowd['last_ms']:.1f} in the last; contact search {100.0 * crowd['search_share']:.0f} % of it"
         )
     if skin:
         found.append(

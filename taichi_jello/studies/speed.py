@@ -227,7 +227,7 @@ def pieces(arch: str, cases: list[dict[str, Any]], quick: bool, told: dict[str, 
     yield
     told["stiff"] = [stiff_row(arch, *case, 20 if quick else 60) for case in (STIFF[:1] if quick else STIFF)]
     yield
-    told["crowd"] = crowd_row(arch, *((0.5, 1) if quick else (4.0, 5)))
+    told["crowd"] = crowd_row(arch, 0.5 if quick else 4.0)
     told["skin"], told["voxels"] = skin_row(arch, least, repeats), voxel_row(arch, least, repeats)
     yield
     if not quick:
