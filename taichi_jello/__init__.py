@@ -8,6 +8,7 @@ __version__ = "0.1.0"
 from taichi_jello import interrupt
 
 with interrupt.importing():
+    from taichi_jello.advice import SceneWarning
     from taichi_jello.clock import StepWarning
     from taichi_jello.diverged import Diverged
     from taichi_jello.keyframes import GravityKeyframe, Keyframe, Move
@@ -17,6 +18,7 @@ with interrupt.importing():
     from taichi_jello.physics.colliders.sphere import Sphere
     from taichi_jello.physics.forces.field import CallableField, GridField, UniformField
     from taichi_jello.physics.forces.grab import Grab
+    from taichi_jello.physics.forces.wind import Wind
     from taichi_jello.region import Region
     from taichi_jello.runtime import RuntimeProblem
     from taichi_jello.scene import Camera, Contact, Pin, Scene, SceneError, Solver
@@ -51,6 +53,7 @@ __all__ = [
     "RuntimeProblem",
     "Scene",
     "SceneError",
+    "SceneWarning",
     "Sheet",
     "Simulation",
     "Snapshot",
@@ -58,4 +61,5 @@ __all__ = [
     "Sphere",
     "StepWarning",
     "UniformField",
+    "Wind",
 ]

@@ -83,6 +83,11 @@ def largest(rows: Sequence[Keyframe], name: str) -> float:
     return max((value for row in rows if (value := getattr(row, name)) is not None), default=1.0)
 
 
+def least(rows: Sequence[Keyframe], name: str) -> float:
+    """The least that the factor `name` ever is."""
+    return min((value for row in rows if (value := getattr(row, name)) is not None), default=1.0)
+
+
 def offset(rows: Sequence[Move], time: float) -> np.ndarray:
     """(3,) [m] at `time` [s]."""
     if not rows:

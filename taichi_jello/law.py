@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichi_jello.body import Body
-from taichi_jello.keyframes import factor, largest
+from taichi_jello.keyframes import factor, largest, least
 from taichi_jello.scene import Scene
 
 Memory = Mapping[str, np.ndarray]
 NOTHING: Memory = {}
+LOOSE = 0.1  # of its stiffness, below which a jello that melts may come apart
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,12 @@ def law_at(scene: Scene, body: Body, time: float, memory: Memory) -> Law:
     if whole is not None:
         stiffness, damping = stiffness * whole, damping * whole
     return Law(stiffness, rest, damping, whole)
+
+
+def loose(scene: Scene) -> np.ndarray:
+    """(J,) bool: jellos that may tear or melt, whose springs may come to hold nothing together: particles inside them
+    must not rely on the surface around them."""
+    return np.array([j.tear_strain > 0.0 or least(j.keyframe, "stiffness") < LOOSE for j in scene.jello])
 
 
 def by_jello(scene: Scene, body: Body, values: list[float]) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_jello import interrupt, runtime
+from taichi_jello import advice, interrupt, runtime
 from taichi_jello.assembly import assembled
 from taichi_jello.body import Body
 from taichi_jello.clock import Clock, StepWarning, asked_step, asked_substeps, safe_substeps, steps_in
@@ -73,7 +73,9 @@ class Simulation:
         self._ran: set[str] = set()  # methods
         self._books: Books | None = None
         self.start = self.snapshot()
+        self._starts = True  # it is where the scene begins
         self._open_books()
+        advice.on_contact(scene, self.body)
 
     def _choose_substeps(self, dt: float | str, substeps: int | None) -> int:
         """Whole substeps of a frame: as asked, or as few as the safe step allows. A step that is not safe is warned of
@@ -196,12 +198,16 @@ class Simulation:
                 self._books.add(works)
             self.clock.go_on(part)
             self._begun = self.clock.done > 0
+            if self._starts and not self._begun:
+                self._starts = False
+                advice.on_start(self.scene, self.body, self.system.read()[1])
             count -= part
 
     def _begin_frame(self) -> None:
         """Tell the forces which frame it is, once a frame."""
         if not self._begun:
-            gained = self.system.begin_frame(*self.clock.frame, within=self.clock.done > 0)
+            automatic = self.dt if self.asked_step == ("auto", None) else 0.0
+            gained = self.system.begin_frame(*self.clock.frame, self.clock.done > 0, automatic)
             if self._books and gained:
                 self._books.add({"handles": gained})
             self._begun = True
@@ -211,6 +217,8 @@ class Simulation:
         runtime.check(self.system.owner)
         grip = None if self._hand is None else self._hand.grip
         memory = self.system.changes.memory() | self.system.integrator.remembered()
+        if self.clock.done and self.system.parts > 1:
+            memory["parts"] = np.array(self.system.parts)
         return Snapshot(self.time, *self.system.read(), memory, self.clock.hands, grip)
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -226,9 +234,11 @@ class Simulation:
                 raise ValueError(f"{name}: expected {shape[0]} particles, shape {shape}, got shape {values.shape}")
             if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
                 raise ValueError(f"{name}: expected finite numbers")
+        self._starts = snapshot is self.start
         self.system.write(snapshot.x, snapshot.v)
         self.system.changes.recall(snapshot.memory)
         self.system.integrator.recall(snapshot.memory)
+        self.system.parts = int(snapshot.memory.get("parts", 1))
         if snapshot.grip is not None and self._hand is not None:
             self._hand.grip = snapshot.grip
             self._follow_hand()

@@ -7,6 +7,7 @@ radius away from their triangles and segments.
 import numpy as np
 import taichi as ti
 
+from taichi_jello.physics.cores import CORE
 from taichi_jello.physics.elements import nearer
 from taichi_jello.physics.exits import Exits
 from taichi_jello.physics.inside import AT_HAND, Inside
@@ -23,15 +24,16 @@ LOAD = 2.0  # whole contacts that press on one point with full stiffness: its ow
 @ti.data_oriented
 class Contacts:
     """Point q has own[q] contacts, of which n is number AT_ONCE q + n, with the place Σ weights · corners of another
-    jello's surface: along `normal` it is to be kept `apart` [m] from there. `share`: how much the contact counts for.
+    jello's surface: along `normal` it is to be kept `apart` [m] from there. `share`: how much the contact counts for;
+    `core` [m]: the depth beyond which it must not go on, CORE of how thick the other jello is there.
     list and weight_in, from SLOTS q on: the listed[q] contacts that press on point q, in ascending order, and its
     weight in each: 1 in its own, less than 0 where it is a corner."""
 
     rounds = 5
 
-    def __init__(self, title, body, memory, others, itself, tears):
-        """tears: whether springs may; an element that is parted is not touched any more."""
-        touching = Touching.of(body)
+    def __init__(self, title, body, memory, others, itself, loose, tears):
+        """loose: see Touching.of; tears: whether springs may; an element that is parted is not touched any more."""
+        touching = Touching.of(body, loose)
         self.body, self.tears = body, tears
         self.near = Neighbours(title, body, memory, touching, others, itself)
         self.points, self.solid = len(touching.points), touching.solid
@@ -61,7 +63,7 @@ class Contacts:
         self.normal = memory.zeros(title, "normals", (count, 3))
         if self.has_thin:
             self.apart = memory.zeros(title, "apart", (count,))
-        self.share = memory.zeros(title, "shares of contacts", (count,))
+        self.share, self.core = (memory.zeros(title, f"{name} of contacts", (count,)) for name in ("shares", "cores"))
         self.own = whole("contacts of each point", self.points)
         self.load = memory.zeros(title, "loads", (self.points,))  # in whole contacts, a corner has its share of one
         self.listed, self.list = whole("listed contacts", self.points), whole("lists", self.points * SLOTS)
@@ -139,8 +141,10 @@ class Contacts:
         for c in range(q * AT_HAND, q * AT_HAND + self.inside.count[q]):
             e = self.inside.cells[c]
             if self.near.owner[e] != done and met < AT_ONCE and self.may_touch(q, e):
-                best, corners, weights = self.exits.leave(q, e)
+                best, corners, weights, counts = self.exits.leave(q, e)
                 if best < FAR:
+                    contact = q * AT_ONCE + met
+                    self.core[contact], self.share[contact] = self.exits.core[e], counts
                     met += self.note(q, met, corners, weights, best, True, v, ahead)
                     done = self.near.owner[e]
         return met
@@ -186,6 +190,8 @@ class Contacts:
                 approach = ti.abs(self.difference(q, corners, weights, v).dot(n))
                 touches = distance < apart + ahead * approach
             self.apart[contact] = apart
+            if not solid:
+                self.core[contact], self.share[contact] = 2.0 * CORE * apart, 1.0
         if touches:
             self.corners[contact], self.weights[contact], self.normal[contact] = corners, weights, n
         return touches
@@ -233,7 +239,7 @@ class Contacts:
             for k in ti.static(range(3)):
                 if self.weights[contact][k] > 0.0:
                     most = ti.max(most, self.load[self.corners[contact][k]])
-            self.share[contact] = LOAD / most
+            self.share[contact] = self.share[contact] * (LOAD / most)
 
     @ti.func
     def weight(self, contact, q):

@@ -73,6 +73,7 @@ class System:
         self.rounds = max((force.rounds for force in self.looking), default=0)
         self.burdens = tuple(force for force in self.all_forces if force.burdens)
         self.watched = tuple(force for force in self.all_forces if force.watches)
+        self.hurried, self.parts = tuple(force for force in self.all_forces if force.hurries), 1
         self.sweeps = tuple(force.sweep for force in self.all_forces if force.sweep)
         self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
         damped = any(force.reads_velocity for force in self.all_forces)
@@ -206,7 +207,10 @@ class System:
                 pass
 
     def steps(self, first: int, last: int, dt: float) -> None:
-        """Substeps `first` to `last` of the current frame, dt [s] each."""
+        """Substeps `first` to `last` of the current frame, dt [s] each; in this frame each in `parts`."""
+        first, last, dt = first * self.parts, last * self.parts, dt / self.parts
+        for force in self.hurried:
+            force.stride(dt, self.integrator.solves)
         if self.integrator.solves:
             self.integrator.prepare(self, dt)
         for sweep in self.sweeps:
@@ -228,9 +232,10 @@ class System:
         for force in self.watched:
             force.forget()
 
-    def begin_frame(self, start: float, end: float, within: bool = False) -> float:
-        """Bring live values up to date for the frame from `start` to `end` [s]; within: it has begun already. Returns
-        the kinetic energy [J] that handles gain as their speed changes."""
+    def begin_frame(self, start: float, end: float, within: bool = False, automatic: float = 0.0) -> float:
+        """Bring live values up to date for the frame from `start` to `end` [s]; within: it has begun already. Its steps
+        may be taken in parts if they are `automatic` ones, of so many seconds. Returns the kinetic energy [J] that
+        handles gain as their speed changes."""
         gained = 0.0
         if len(self.handles.held) and not within:
             good = self._good.copy()
@@ -240,6 +245,10 @@ class System:
                 self._good = good
                 self._write(good)
                 self._forget()
+        if self.hurried and not within:
+            x, v = self._good[:, :3], self._good[:, 3:]
+            asked = [force.parts(x, v, end - start, automatic) for force in self.hurried if automatic]
+            self.parts = max(asked, default=1)
         self.changes.begin(start, self._good[:, :3])
         for force in self.all_forces:
             force.begin_frame(start, end)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichi_jello.body import Body
+from taichi_jello.physics.cores import convex, hearts, thicknesses
 from taichi_jello.physics.forces.skin_contact import shares
 
 FAR = 1e30  # m
@@ -26,6 +27,9 @@ class Touching:
     the undeformed body, none at an infinite distance; zero where the skin passes through the cell itself. Group g is
     the triangles[start[g]:start[g + 1]], (T, 3) of points, outward where they are a skin's.
     radius (J,) [m] of each jello, zero for solid ones; spacing (J,) [m] between its points.
+    thick (C,) [m]: how thick the undeformed body is around each cell; thickness (J,) [m]: the way through each jello,
+    where it is thinnest if it is not convex; convex (J,) bool: and stays so; hearts (J, 8): the corners of the cell in
+    the middle of each solid one.
     """
 
     bare: int
@@ -42,9 +46,14 @@ class Touching:
     triangles: np.ndarray
     radius: np.ndarray
     spacing: np.ndarray
+    thick: np.ndarray
+    thickness: np.ndarray
+    convex: np.ndarray
+    hearts: np.ndarray
 
     @classmethod
-    def of(cls, body: Body) -> "Touching":
+    def of(cls, body: Body, loose: np.ndarray) -> "Touching":
+        """loose (J,) bool: see law.loose."""
         jellos = int(body.jello.max()) + 1
         is_solid, is_sheet = np.zeros(jellos, bool), np.zeros(jellos, bool)
         is_solid[body.jello[body.cells[:, 0]]] = True
@@ -62,8 +71,16 @@ class Touching:
             ]
         )
         faces, owner, exits, way = ways_out(body.rest, body.cells)
+        spacing, holder = _spacing(body, structural, jellos), body.jello[body.cells[:, 0]]
+        thick = thicknesses(way, body.embedded[body.cells[:, 0]], spacing[holder])
         bare = np.unique(
-            np.concatenate([faces[~body.embedded[faces[:, 0]]].ravel(), np.flatnonzero(~is_solid[body.jello])])
+            np.concatenate(
+                [
+                    faces[~body.embedded[faces[:, 0]]].ravel(),
+                    np.flatnonzero(~is_solid[body.jello]),
+                    np.flatnonzero(loose[body.jello] & body.inside),
+                ]
+            )
         )
         point_of = np.full(len(body), -1, np.int32)
         point_of[bare] = np.arange(len(bare))
@@ -74,8 +91,13 @@ class Touching:
             exits, way = np.where(skinned, len(faces) + which, exits), np.where(skinned, length, way)
             start = np.concatenate([start[:-1], len(triangles) + first])
             triangles = np.concatenate([triangles, len(bare) + body.skin[members]])
-        spacing = _spacing(body, structural, jellos)
-        thick = np.select([is_solid, is_sheet], [0.0, THICKNESS["sheet"]], THICKNESS["rope"])
+        radius = spacing * np.select([is_solid, is_sheet], [0.0, THICKNESS["sheet"]], THICKNESS["rope"])
+        is_convex = np.array([is_solid[j] and convex(body.rest, body.cells[holder == j]) for j in range(jellos)])
+        thickness = 2.0 * radius
+        for j in np.flatnonzero(is_solid):  # where a convex one is thin it only ends
+            own = holder == j
+            thickness[j] = thick[own].max() if is_convex[j] else max(thick[own].min(), spacing[j])
+            thick[own] = thickness[j] if is_convex[j] else thick[own]
         main = np.take_along_axis(body.skin_corners, body.skin_weights.argmax(1)[:, None], 1)[:, 0]
         points = np.concatenate([bare, main]).astype(np.int32)
         return cls(
@@ -91,8 +113,12 @@ class Touching:
             way=np.minimum(way, FAR),
             start=start.astype(np.int32),
             triangles=triangles.astype(np.int32),
-            radius=thick * spacing,
+            radius=radius,
             spacing=spacing,
+            thick=thick,
+            thickness=thickness,
+            convex=is_convex & ~loose,
+            hearts=hearts(body.rest, body.cells, holder, jellos),
         )
 
     @property

@@ -93,6 +93,10 @@ class ParticleForce:
     particles first … last - 1 may move too far in it; and `@ti.func stale(self)`, whether any may: then the step has to
     wait.
 
+    With `hurries` it may need a frame's steps taken in parts: `parts(x, v, frame_dt, dt)` says in how many, for the
+    frame that begins with the particles at x and v, (N, 3) arrays. `stride(dt, solves)` tells it how long the steps are
+    that follow, and whether they are solved for.
+
     A force is `mutual` if what it does to some particles it does to others the other way.
 
     With a `sweep` (see physics/sweep.py) every step ends with a look whether it went through something.
@@ -115,6 +119,7 @@ class ParticleForce:
     couples: bool = False
     generation: int = 0
     mutual: bool = False
+    hurries: bool = False
     fresh: bool = True
     sweep: Any = None
     works: tuple[str, ...] = ()
@@ -129,6 +134,8 @@ class ParticleForce:
     forget: Any
     watch: Any
     stale: Any
+    parts: Any
+    stride: Any
 
     @classmethod
     def made_for(cls, scene: Scene, particles: Particles) -> list[Any]:

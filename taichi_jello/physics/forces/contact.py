@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_jello.law import loose
 from taichi_jello.physics.forces._base import ParticleForce, Rates, block, even_block
 from taichi_jello.physics.state import Memory
 from taichi_jello.physics.sweep import Sweep
@@ -108,8 +109,10 @@ class PenaltyContact(ContactLaw, ParticleForce):
 
     @classmethod
     def made_for(cls, scene, particles):
-        """For the particles of jellos without an embedded skin; the others touch with their skin, see skin_contact."""
-        embedded = particles.body.embedded
+        """For the particles of jellos without an embedded skin; the others touch with their skin, see skin_contact, and
+        if they may come apart with the particles inside it as well."""
+        body = particles.body
+        embedded = body.embedded & ~(body.inside & loose(scene)[body.jello])
         if not scene.collider or scene.contact.stiffness == 0.0 or embedded.all():
             return []
         made = cls(scene, particles)

@@ -2,6 +2,10 @@
 
 What a point feels that touches another jello (see physics/contacts.py), the triangle's corners feel the other way,
 shared by the place that is touched.
+
+Springs of contact can be too soft to stop what is fast and heavy before it is out on the other side. A point that comes
+near the middle of what it touches, its core, meets a dashpot there that is as hard as the step allows, for as long as
+it goes on: it takes energy out and gives none back.
 """
 
 from math import hypot, sqrt
@@ -9,12 +13,16 @@ from math import hypot, sqrt
 import numpy as np
 import taichi as ti
 
+from taichi_jello.law import loose
+from taichi_jello.physics.approach import Approach
 from taichi_jello.physics.contacts import AT_ONCE, LOAD, Contacts
 from taichi_jello.physics.forces._base import ParticleForce, Rates, block, cut, even_block
 from taichi_jello.physics.forces.contact import ContactLaw, pressure, rub
 from taichi_jello.physics.forces.skin_contact import SkinContact
 from taichi_jello.runtime import RuntimeProblem
 
+STOP = 0.25  # of the mass over the step, what an explicit step stands of a dashpot beside all else
+SOFT = 0.5  # of the depth of a core, over which its dashpot grows hard
 BLIND = ("vulkan", "metal")  # compiled for them, the search makes lists that stay empty
 
 
@@ -23,14 +31,14 @@ class Touch(ContactLaw, ParticleForce):
     title = "touch"
     energy_kind = "contact"
     reads_velocity = True
-    prepares = looks = watches = has_curvature = mutual = True
+    prepares = looks = watches = has_curvature = mutual = hurries = True
     works = ("touch dashpots", "touch friction")
 
     def __init__(self, scene, particles, itself):
         body, memory = particles.body, particles.memory
         self.particles, self.frame_dt = particles, scene.solver.frame_dt
         tears = any(jello.tear_strain for jello in scene.jello)
-        self.contacts = Contacts(self.title, body, memory, scene.contact.touch, itself, tears)
+        self.contacts = Contacts(self.title, body, memory, scene.contact.touch, itself, loose(scene), tears)
         self.near, self.points, self.rounds = self.contacts.near, self.contacts.points, self.contacts.rounds
         self._set_law(scene.contact, memory, self.title)
         touching = self.near.touching
@@ -39,6 +47,11 @@ class Touch(ContactLaw, ParticleForce):
             for name, values in zip(("first", "around", "in_it"), touching.rows, strict=True):
                 setattr(self, name, memory.table(self.title, f"points of each particle: {name}", values))
         self.force = memory.zeros(self.title, "forces", (AT_ONCE * self.points, 3))
+        self.approach = Approach(body, touching.thickness)
+        self.lightest = memory.table(self.title, "lightest particle and mass", self._weights(body))
+        self.stops = memory.table(self.title, "stops", np.zeros(2))
+        self.damping = memory.zeros(self.title, "dashpots", (AT_ONCE * self.points,))
+        self._stops = (0.0, 0.0)
 
     @classmethod
     def made_for(cls, scene, particles):
@@ -60,8 +73,10 @@ class Touch(ContactLaw, ParticleForce):
     @staticmethod
     def _steepest(body, touching):
         """How stiff unit springs at all points can be, over mass [1/kg]; see SkinContact."""
-        bare = 1.0 / float(body.mass[~body.embedded].min(initial=np.inf))
-        return max(bare, SkinContact._steepest(body, touching.share[touching.bare :]) if len(body.skin) else 0.0)
+        particles = touching.points[: touching.bare]
+        bare = 1.0 / float(body.mass[particles].min(initial=np.inf))
+        skin = SkinContact._steepest(body, touching.share[touching.bare :]) if len(body.skin) else 0.0
+        return bare + skin if body.embedded[particles].any() else max(bare, skin)
 
     def rates(self):
         """Row i of M⁻¹K sums to at most 2/m k Σ|g|, g its weight in each contact, and no load Σ|g| counts for more
@@ -87,6 +102,34 @@ class Touch(ContactLaw, ParticleForce):
             for contact in range(q * AT_ONCE, q * AT_ONCE + self.contacts.own[q]):
                 self.force[contact] = self.press(contact, x, v)
 
+    @staticmethod
+    def _weights(body):
+        """(J, 2) [kg] of each jello: its lightest particle, and all of it."""
+        jellos = range(int(body.jello.max()) + 1)
+        return np.array([[f(body.mass[body.jello == j]) for f in (np.min, np.sum)] for j in jellos])
+
+    def parts(self, x, v, frame_dt, dt):
+        return self.approach.parts(x, v, frame_dt, dt)
+
+    def stride(self, dt, solves):
+        """What a dashpot in a core may have [1/s], of the lightest particle and of all of a jello: where a step is
+        solved for it stops all of it within one."""
+        stops = (0.0, 1.0 / dt) if solves else (STOP / dt, 0.0)
+        if stops != self._stops:
+            self._stops = stops
+            self.stops.from_numpy(np.array(stops, self.particles.memory.number))
+
+    @ti.func
+    def stopping(self, contact, depth, outwards):
+        """The dashpot [N·s/m] that a whole contact has in the core of what it touches."""
+        stops, core = ti.cast(0.0, float), self.contacts.core[contact]
+        if depth > core and outwards < 0.0:
+            a = self.lightest[self.near.jello[self.near.points[contact // AT_ONCE]]]
+            b = self.lightest[self.near.jello[self.near.points[self.contacts.corners[contact][0]]]]
+            hardness = self.stops[0] * ti.min(a[0], b[0]) + self.stops[1] * ti.min(a[1], b[1])
+            stops = hardness * ti.min(1.0, (depth - core) / (SOFT * core))
+        return stops
+
     @ti.func
     def press(self, contact, x, v):
         """The force [N] of a contact on its point."""
@@ -95,7 +138,9 @@ class Touch(ContactLaw, ParticleForce):
             counts, law = self.contacts.part(contact // AT_ONCE) * self.contacts.share[contact], self.law[0]
             slide = self.contacts.between(contact, v)
             outwards = slide.dot(n)
-            pressed = pressure(depth, outwards, counts * law[0], counts * law[1])
+            damping = law[1] + self.stopping(contact, depth, outwards)
+            pressed = pressure(depth, outwards, counts * law[0], counts * damping)
+            self.damping[contact] = damping
             force = pressed * n
             if ti.static(self.rubs):
                 force += rub(pressed, slide - outwards * n, law[2], counts * law[3])
@@ -136,7 +181,8 @@ class Touch(ContactLaw, ParticleForce):
                 if ti.static(self.rubs):
                     across = law[3] / c
                 both = 2.0 * ti.abs(g) * self.contacts.part(contact // AT_ONCE) * self.contacts.share[contact]
-                total += both * block(across, law[0] + law[1] / c, self.force[contact] / pull)
+                along = law[0] + self.damping[contact] / c
+                total += both * block(across, along, self.force[contact] / pull)
         return total
 
     @ti.func
@@ -183,7 +229,8 @@ class Touch(ContactLaw, ParticleForce):
             if depth > 0.0:
                 counts, slide = self.contacts.part(q) * self.contacts.share[contact], self.contacts.between(contact, v)
                 outwards = slide.dot(n)
-                pressed = pressure(depth, outwards, counts * law[0], counts * law[1])
+                damping = law[1] + self.stopping(contact, depth, outwards)
+                pressed = pressure(depth, outwards, counts * law[0], counts * damping)
                 total[0] += (pressed - counts * law[0] * depth) * outwards
                 if ti.static(self.rubs):
                     across = slide - outwards * n

@@ -1,0 +1,71 @@
+"""What a person should be told of a scene that runs, but hardly as it is meant (NumPy only)."""
+
+import warnings
+
+import numpy as np
+
+from taichi_jello.body import Body
+from taichi_jello.physics.forces.grab import Grab
+from taichi_jello.physics.forces.skin_contact import shares
+from taichi_jello.scene import Scene
+
+SUNK = 0.1  # of its least extent, by which a jello may sink into what it lies on
+FIRM = 0.01  # of the same, with the stiffness that is advised
+SIDES = 6  # of a jello; it lies on one of them
+LEAP = 2.0  # m/s that a jello may gain in its first frame beyond what gravity gives it
+
+
+class SceneWarning(UserWarning):
+    """A scene that can be simulated, but hardly as it is meant."""
+
+
+def carries(scene: Scene) -> bool:
+    """Whether there is anything that a jello can lie on."""
+    return scene.contact.stiffness > 0.0 and bool(scene.collider or (scene.contact.touch and len(scene.jello) > 1))
+
+
+def on_contact(scene: Scene, body: Body) -> None:
+    """Warn of jellos too heavy for the contact springs that are to carry them."""
+    weight, stiffness = float(np.linalg.norm(scene.gravity)), scene.contact.stiffness
+    if not carries(scene):
+        return
+    bare = np.bincount(body.jello[np.unique(body.surface)], minlength=len(scene.jello)).astype(float)
+    touching = np.where(bare > 0.0, bare / SIDES, np.bincount(body.jello))
+    if len(body.skin_corners):
+        skin = np.bincount(body.jello[body.skin_corners[:, 0]], shares(body), len(scene.jello)) / SIDES
+        touching = np.where(skin > 0.0, skin, touching)
+    for j, points in enumerate(touching):
+        own = body.jello == j
+        mass, extent = float(body.mass[own].sum()), np.ptp(body.rest[own], axis=0)
+        least = float(extent[extent > 0.0].min(initial=np.inf))
+        depth = mass * weight / (stiffness * max(float(points), 1.0))
+        if depth > SUNK * least and not body.pinned[own].any():
+            enough = stiffness * depth / (FIRM * least)
+            warnings.warn(
+                f"jello.{j}: {mass:.3g} kg on contact springs of {stiffness:g} N/m sinks in by about {depth:.2g} m; "
+                f"contact.stiffness = {enough:.1g} would carry it",
+                SceneWarning,
+                stacklevel=3,
+            )
+
+
+def on_start(scene: Scene, body: Body, v: np.ndarray) -> None:
+    """Warn of jellos that contact throws out of where they begin, by their velocities (N, 3) [m/s] after the first
+    frame; not where something else moves that could have set them going."""
+    frame = scene.solver.frame_dt
+    moving = any(np.any(collider.moved_rows(0.0, frame)[:, 3:6]) for collider in scene.collider)
+    if moving or scene.keyframe or any(not isinstance(force, Grab) for force in scene.force) or not carries(scene):
+        return
+    gained = LEAP + 2.0 * frame * float(np.linalg.norm(scene.gravity))
+    mass = np.bincount(body.jello, body.mass)
+    before, after = (
+        np.stack([np.bincount(body.jello, body.mass * u[:, axis]) / mass for axis in range(3)], 1) for u in (body.v, v)
+    )
+    leap = np.linalg.norm(after, axis=1) - np.linalg.norm(before, axis=1)
+    for j in np.setdiff1d(np.flatnonzero(leap > gained), body.jello[body.pinned]):
+        warnings.warn(
+            f"jello.{j} comes to {np.linalg.norm(after[j]):.2g} m/s within the first frame: what begins inside the "
+            "ground or another jello, or nearer to a sheet or rope than these are thick, is thrown out",
+            SceneWarning,
+            stacklevel=4,
+        )
