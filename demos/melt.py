@@ -1,6 +1,6 @@
-"""A jello melts into a puddle, which freezes in its new shape and is kicked up by a ball from below."""
+"""A jello melts and flows into a puddle, which freezes in its new shape and is kicked up by a ball from below."""
 
-from taichi_jello import Box, Camera, Contact, Keyframe, Move, Plane, Scene, Sphere
+from taichi_jello import Ball, Camera, Contact, Keyframe, Move, Plane, Scene, Sphere
 
 
 def scene() -> Scene:
@@ -8,18 +8,18 @@ def scene() -> Scene:
         title="Melting and freezing",
         seconds=8.0,
         jello=[
-            Box(
-                points=(9, 9, 9),
-                size=(0.9, 0.9, 0.9),
-                position=(0.0, 0.5, 0.0),
+            Ball(
+                radius=0.5,
+                resolution=9,
+                position=(0.0, 0.51, 0.0),
                 stiffness=40.0,
                 damping=0.02,
+                creep=4.0,
                 keyframe=[
-                    Keyframe(time=0.8, stiffness=1.0, damping=1.0),
-                    Keyframe(time=2.0, stiffness=0.02, damping=0.2),
-                    Keyframe(time=3.0, stiffness=0.006),
-                    Keyframe(time=4.8, stiffness=0.006, damping=0.2, freeze=True),
-                    Keyframe(time=5.2, stiffness=2.0, damping=3.0),
+                    Keyframe(time=0.5, stiffness=1.0, damping=1.0),
+                    Keyframe(time=1.6, stiffness=0.035, damping=0.5),
+                    Keyframe(time=4.6, stiffness=0.035, damping=0.5, freeze=True),
+                    Keyframe(time=5.0, stiffness=3.0, damping=3.0),
                 ],
             )
         ],
@@ -36,5 +36,5 @@ def scene() -> Scene:
                 ],
             ),
         ],
-        camera=Camera(eye=(1.7, 1.4, 2.5), target=(0.0, 0.3, 0.0)),
+        camera=Camera(eye=(1.5, 1.3, 2.2), target=(0.0, 0.3, 0.0)),
     )

@@ -2,7 +2,7 @@
 
 from taichi_jello import Box, Camera, Move, Pin, Plane, Region, Scene
 
-PULL = 0.9  # m that each end travels
+PULL = 0.7  # m that each end travels
 
 
 def scene() -> Scene:
@@ -22,7 +22,7 @@ def scene() -> Scene:
                 damping=0.15,
                 tear_strain=0.8,
                 region=[
-                    Region(min=(0.42, 0.0, 0.0), max=(0.58, 1.0, 1.0), stiffness_factor=0.5),
+                    Region(min=(0.48, 0.0, 0.0), max=(0.56, 1.0, 1.0), stiffness_factor=0.4),
                     Region(center=(0.5, 0.5, 1.0), radius=0.3, stiffness_factor=0.6),
                 ],
                 pin=[
@@ -32,5 +32,5 @@ def scene() -> Scene:
             )
         ],
         collider=[Plane()],
-        camera=Camera(eye=(0.7, 1.9, 2.9), target=(0.0, 0.7, 0.0)),
+        camera=Camera(eye=(0.6, 1.9, 3.2), target=(0.05, 0.7, 0.0)),
     )
