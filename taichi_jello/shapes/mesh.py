@@ -16,6 +16,7 @@ from taichi_jello.shapes._meshfile import MeshWarning, flaws, read
 from taichi_jello.shapes._skin import FINE, parts, skinned_body, split_edges
 from taichi_jello.shapes.lattice import LARGEST
 
+SURE = 0.3  # of a cell, by which a triangle of a surface whose triangles agree must seem to face inwards to be turned
 FLAT = 1e-9  # of the cube of a mesh's size: a volume below it is none
 
 
@@ -28,19 +29,17 @@ class Mesh(Jello):
     shape: ClassVar[str] = "mesh"
     file: str = ""
     resolution: int = 16
-    size: float = 0.0
-    scale: float = 0.0
+    size: float | None = None
+    scale: float | None = None
 
     def check(self) -> dict[str, Any]:
-        if not self.file or (self.size and self.scale):
+        if not self.file or (self.size is not None and self.scale is not None):
             key, wanted = ("scale", "either size or scale, got both") if self.file else ("file", "the name of a mesh")
             raise SceneError(key, f"expected {wanted}")
-        return super().check() | {
-            "file": word("file", self.file),
-            "resolution": whole("resolution", self.resolution, low=1),
-            "size": number("size", self.size, low=0.0),
-            "scale": number("scale", self.scale, low=0.0),
-        }
+        sizes = {name: getattr(self, name) for name in ("size", "scale") if getattr(self, name) is not None}
+        checked: dict[str, Any] = {name: number(name, value, above=0.0) for name, value in sizes.items()}
+        checked |= {"file": word("file", self.file), "resolution": whole("resolution", self.resolution, low=1)}
+        return super().check() | checked
 
     def beside(self, folder: Path) -> Jello:
         return dataclasses.replace(self, file=str(folder / self.file))
@@ -57,7 +56,9 @@ class Mesh(Jello):
         # A closed surface may be thinner than the samples: it makes a body of the cells that it passes through.
         if not fraction.any() and (opened or twisted or abs(enclosed_volume) < FLAT * np.ptp(points) ** 3):
             raise SceneError("file", f"{self.file}: expected a closed surface, nothing is inside")
-        triangles = outward(points / spacing + 0.5 * np.array(shape), triangles, within)
+        if enclosed_volume < 0.0 and not twisted:
+            triangles = triangles[:, ::-1]
+        triangles = outward(points / spacing + 0.5 * np.array(shape), triangles, within, 0.0 if twisted else SURE)
         if opened or twisted:
             wrong = f"{opened} edges of its surface are open" * bool(opened)
             wrong += " and " * bool(opened and twisted) + "its triangles do not all face outwards" * bool(twisted)
@@ -116,14 +117,14 @@ def volume(points: np.ndarray, triangles: np.ndarray) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
-def outward(places: np.ndarray, triangles: np.ndarray, within: np.ndarray) -> np.ndarray:
-    """The triangles with those turned that face inwards: half a cell along their normal it is more inside than half a
-    cell the other way. places (V, 3) in cells."""
+def outward(places: np.ndarray, triangles: np.ndarray, within: np.ndarray, sure: float) -> np.ndarray:
+    """The triangles with those turned that face inwards: half a cell along their normal there is more inside, by more
+    than `sure` of a cell, than half a cell the other way. places (V, 3) in cells."""
     a, b, c = (places[triangles[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
     front, back = (_interpolated(within, (a + b + c) / 3.0 + step * normal) for step in (0.5, -0.5))
-    return np.where((front > back)[:, None], triangles[:, ::-1], triangles)
+    return np.where((front > back + sure)[:, None], triangles[:, ::-1], triangles)
 
 
 def _interpolated(values: np.ndarray, places: np.ndarray) -> np.ndarray:

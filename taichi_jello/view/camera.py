@@ -9,9 +9,10 @@ from taichi_jello.physics.colliders.room import Room
 from taichi_jello.scene import Camera, Scene
 
 NEAR = 0.05  # m; nothing nearer to the eye is drawn
-FAR = 1000.0  # m
+FAR = 1e5  # m
 STEEPEST = 0.995  # the sine of the steepest view up or down: at 1 the picture would spin about its own axis
 UP = np.array([0.0, 1.0, 0.0])
+LOST = 0.12  # of the same: what takes less is looked at from nearer
 FILLED = 0.85  # of the picture's half height and width, by what a view is fitted to
 ASPECT = 16.0 / 9.0  # of the pictures that cameras are set up for
 
@@ -45,17 +46,18 @@ class Viewpoint:
     @classmethod
     def first(cls, scene: Scene, body: Body, aspect: float = ASPECT) -> "Viewpoint":
         """The scene's own; where it has none, and the usual one leaves jellos, rooms or the floor below jellos out of
-        a picture `aspect` times as wide as high, one from the same side that shows them."""
+        a picture `aspect` times as wide as high, or makes them too small, one from the same side that shows them."""
         view, usual = cls.of(scene.camera, aspect), Camera()
         if (scene.camera.eye, scene.camera.target) != (usual.eye, usual.target):
             return view
         corners = _corners(scene, body)
-        if view.way_to(corners, 1.0, aspect) <= 0.0:
+        middle, away = 0.5 * (corners.min(0) + corners.max(0)), view.eye - view.target
+        centred = cls(middle + away, middle, view.fov)
+        if view.way_to(corners, 1.0, aspect) <= 0.0 < centred.way_to(corners, LOST, aspect):
             return view
-        middle = 0.5 * (corners.min(0) + corners.max(0))
-        away = view.eye - view.target
-        view = cls(middle + away, middle, view.fov)
-        return cls(view.eye + _unit(away) * view.way_to(corners, FILLED, aspect), middle, view.fov)
+        least = 2.0 * NEAR + 0.5 * float(np.linalg.norm(np.ptp(corners, axis=0)))
+        distance = max(least, view.distance + centred.way_to(corners, FILLED, aspect))
+        return cls(middle + _unit(away) * distance, middle, view.fov)
 
     def way_to(self, points: np.ndarray, filled: float, aspect: float) -> float:
         """How far [m] the eye has to go back until the points (n, 3) take at most `filled` of the picture's half height
@@ -98,9 +100,9 @@ class Viewpoint:
         self.eye, self.target = self.eye + shift, self.target + shift
 
     def zoom(self, factor: float) -> None:
-        """Multiply the distance to the target, kept between 5 cm and 500 m."""
-        arm = self.eye - self.target
-        length = float(np.clip(np.linalg.norm(arm) * factor, 0.05, 500.0))
+        """Multiply the distance to the target, kept between 5 cm and 500 m, or three times what it was first."""
+        arm, first = self.eye - self.target, float(np.linalg.norm(self._start[0] - self._start[1]))
+        length = float(np.clip(np.linalg.norm(arm) * factor, 0.05, max(500.0, 3.0 * first)))
         self.eye = self.target + _unit(arm) * length
 
     def view(self) -> np.ndarray:

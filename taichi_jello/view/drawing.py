@@ -180,7 +180,7 @@ class Drawing:
 
     @property
     def dots(self) -> Dots | None:
-        return None if "particles" in self.hidden else self._dots
+        return None if "particles" in self.hidden or not len(self._dots.x) else self._dots
 
     @property
     def blended(self) -> Triangles | None:

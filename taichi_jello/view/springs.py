@@ -130,8 +130,11 @@ class Springs:
 
     def _by_load(self, color: str, load: np.ndarray) -> tuple[np.ndarray, Key]:
         self.load = load = np.where(np.isfinite(load), load, np.float32(np.inf))
-        rank = min(len(load) - 1, int(len(load) * MOST / 100.0))
-        most = round_up(max(float(np.partition(load, rank)[rank]), self._floor[color]))
+        usual = 0.0
+        if len(load):
+            rank = min(len(load) - 1, int(len(load) * MOST / 100.0))
+            usual = float(np.partition(load, rank)[rank])
+        most = round_up(max(usual, self._floor[color]))
         shade = np.minimum(load * ((SHADES - 1) / most), SHADES - 1).astype(np.intp)
         ramp = self._table
         named = Key("spring force", "N", most, ramp) if color == "force" else Key("strain", "%", 100.0 * most, ramp)
@@ -139,7 +142,7 @@ class Springs:
 
     def _by_stiffness(self, stiffness: np.ndarray) -> tuple[np.ndarray, Key]:
         """From no stiffness to that of the stiffest spring drawn."""
-        most = round_up(float(stiffness.max()))
+        most = round_up(float(stiffness.max(initial=0.0)))
         shade = np.minimum(stiffness * ((SHADES - 1) / most), SHADES - 1).astype(np.intp)
         return self._table[shade][:, None], Key("stiffness", "N/m", most, self._table)
 

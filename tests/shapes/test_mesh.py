@@ -80,6 +80,13 @@ def test_what_is_inside_agrees_with_the_formula():
     assert not met[np.abs(middle - 10.0) > 0.5 * np.sqrt(3.0) + 0.1].any()
 
 
+def test_a_mesh_of_a_single_cell_keeps_its_surface(saved):
+    """Whether there is more inside before or behind a triangle is no longer told by the cells."""
+    points, triangles = sphere(0.3)
+    body = Mesh(file=saved(surface(points, triangles)), resolution=1, scale=1.0).body()
+    assert len(body.cells) == 1 and volume(body) == pytest.approx(surface(points, triangles).volume, rel=1e-5)
+
+
 def test_overlapping_parts_are_one(saved):
     """Two boxes that overlap by half: inside both counts once."""
     boxes = trimesh.util.concatenate([trimesh.creation.box((2, 2, 2)), trimesh.creation.box((2, 2, 2))])
@@ -143,6 +150,7 @@ def test_mistakes_are_one_line(saved, tmp_path):
     assert "ending in .obj, .stl, .ply, .glb" in problem(file=str(tmp_path / "nothing.txt"))
     assert "file: expected" in problem(file="")
     assert "either size or scale" in problem(file=ball, size=1.0, scale=1.0)
+    assert "size: expected a finite number greater than 0, got 0" in problem(file=ball, size=0.0)
     assert "resolution: expected a whole number of at least 1" in problem(file=ball, resolution=0)
     assert "resolution: expected at most" in problem(file=ball, resolution=215)
     for name in ("mesh.obj", "mesh.stl", "mesh.ply", "mesh.glb"):

@@ -82,6 +82,15 @@ def test_a_scene_without_a_camera_is_in_its_picture():
     assert 0.8 < fill < 0.9
 
 
+@pytest.mark.parametrize("side", [1e-3, 0.03, 0.2, 30.0, 1000.0])
+def test_a_jello_of_any_size_is_seen(side):
+    scene = Scene(jello=[Box(points=(2, 2, 2), size=(side,) * 3, position=(0.0, 0.5 * side, 0.0))], collider=[Plane()])
+    view, places = shown(scene)
+    least = 0.12 if side >= 0.03 else 0.002  # nearer than NEAR nothing is drawn
+    assert least < np.abs(places).max() < 0.9
+    assert view.distance - 0.87 * side > NEAR and view.distance + 0.87 * side < FAR
+
+
 @pytest.mark.parametrize("size", [(600, 900), (300, 300), (2000, 400)])
 def test_a_picture_of_another_shape_holds_the_scene_as_well(size):
     wide = (Rope(length=6.0, position=(0.0, 0.5, 0.0)),)

@@ -9,8 +9,9 @@ from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.colliders.sphere import Sphere
 from taichi_jello.runtime import RuntimeProblem
 from taichi_jello.scene import Scene
-from taichi_jello.shapes.ball import Ball
+from taichi_jello.shapes.ball import Ball, sphere
 from taichi_jello.shapes.lattice import Box
+from taichi_jello.shapes.mesh import Mesh
 from taichi_jello.view.embedded import Embedded
 from taichi_jello.view.renderers import drawing_of, open_renderer, picture
 from taichi_jello.view.springs import layers, ramp_table, round_up
@@ -64,6 +65,17 @@ def test_what_a_scene_lacks_is_not_there():
 def test_a_scene_of_one_ball_draws():
     drawing = drawing_at(Still(Scene(jello=(Box(points=(2, 2, 2)),), collider=(Sphere(center=(0, -2, 0)),))))
     assert drawing.shadows == [] and len(drawing.opaque) == 1
+
+
+def test_springs_that_are_all_out_of_sight_have_a_legend(tmp_path):
+    """Of a mesh in a single cell all springs lie outside, and all particles."""
+    points, triangles = sphere(0.5)
+    lines = [f"v {x} {y} {z}\n" for x, y, z in points] + ["f {} {} {}\n".format(*t) for t in triangles + 1]
+    (tmp_path / "ball.obj").write_text("".join(lines))
+    still = Still(Scene(jello=(Mesh(file=str(tmp_path / "ball.obj"), resolution=1),)))
+    for color in ("force", "strain", "stiffness", "family"):
+        drawing = drawing_at(still, color=color)
+        assert len(drawing.springs.lines.x) == 0 and drawing.dots is None and drawing.blended is not None
 
 
 def test_a_dense_body_shows_structural_springs_first():
