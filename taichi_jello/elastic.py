@@ -49,14 +49,14 @@ def stiffnesses(body: Body, young: float) -> np.ndarray:
     """(S,) [N/m] of the springs of a solid of Young's modulus `young` [Pa]."""
     if not {0, 1} <= set(body.family.tolist()):
         raise SceneError("young", "expected structural and shear springs among the jello's springs")
-    inside = moduli(_sides(body), young)
-    made, share = np.zeros(len(body.springs)), np.zeros(len(body.springs))
+    kinds, kind = np.unique(_sides(body).round(9), axis=0, return_inverse=True)
+    inside = [moduli(sides, young) for sides in kinds]
+    made = np.zeros(len(body.springs))
     for near, far in combinations(range(8), 2):
         step = np.abs(CORNERS[far] - CORNERS[near])
-        which = _find(body, body.cells[:, [near, far]])
-        share += np.bincount(which, minlength=len(made)) * (0.25, 0.5, 1.0)[step.sum() - 1]
-        made[which] = inside[tuple(step.tolist())]
-    return _with_bend(body, made * share)
+        share = np.array([each[tuple(step.tolist())] for each in inside]) * (0.25, 0.5, 1.0)[step.sum() - 1]
+        np.add.at(made, _find(body, body.cells[:, [near, far]]), share[kind.ravel()])
+    return _with_bend(body, made)
 
 
 def _find(body: Body, pairs: np.ndarray) -> np.ndarray:
@@ -94,9 +94,10 @@ def _along(body: Body, springs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def _sides(body: Body) -> np.ndarray:
-    """(3,) of a cell [m]."""
-    corner = body.rest[body.cells[0]]
-    return np.ptp(corner, axis=0)
+    """(C, 3) of the cells [m]: along each axis the mean of four edges."""
+    corner = body.rest[body.cells].reshape(-1, 2, 2, 2, 3)
+    edges = [np.diff(corner, axis=axis) for axis in (1, 2, 3)]
+    return np.stack([np.linalg.norm(edge, axis=-1).mean((1, 2, 3)) for edge in edges], 1)
 
 
 def masses(body: Body, density: float) -> np.ndarray:
@@ -106,8 +107,8 @@ def masses(body: Body, density: float) -> np.ndarray:
         a, b, c = (body.skin_points(body.rest)[body.skin[:, k]] for k in range(3))
         volume = abs(float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum())) / 6.0
         return density * volume * body.mass / body.mass.sum()
-    each = density * _sides(body).prod() / 8.0
-    return each * np.bincount(body.cells.ravel(), minlength=len(body))
+    each = density * _sides(body).prod(1) / 8.0
+    return np.bincount(body.cells.ravel(), np.repeat(each, 8), minlength=len(body))
 
 
 def material(jello: Any, body: Body) -> dict[str, np.ndarray]:

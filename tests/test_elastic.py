@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import cg
 
-from taichi_jello import Ball, Box, Pin, Region, Rope, SceneError, Sheet
+from taichi_jello import Ball, Box, Pin, Region, Ring, Rope, SceneError, Sheet
 from taichi_jello.assembly import built
 
 STUFF = {"young": 2000.0, "density": 500.0}
@@ -75,6 +75,20 @@ def test_any_uniform_strain_takes_the_energy_of_an_isotropic_solid(size, springs
         assert 0.5 * u @ stiffness_matrix(body) @ u == pytest.approx(expected, rel=1e-9)
 
 
+def test_a_ring_has_the_stiffness_of_its_material_cell_by_cell():
+    """Stretched by a strain ε along its axis, as a bar would be, it takes ½ E ε² V if it may grow thinner."""
+    ring = Ring(points=(48, 5), radius=0.5, thickness=0.25, **STUFF)
+    body = built(ring)
+    strain = np.diag([-0.25, -0.25, 1.0]) * 1e-4  # its Poisson ratio is 1/4
+    d = body.rest[body.springs[:, 1]] - body.rest[body.springs[:, 0]]
+    n = d / body.rest_length[:, None]
+    stretch = np.einsum("si,ij,sj->s", n, strain, d)
+    volume = 2.0 * np.pi * 0.5 * 0.25**2
+    assert body.mass.sum() == pytest.approx(STUFF["density"] * volume, rel=0.01)
+    energy = 0.5 * np.sum(body.stiffness * stretch**2)
+    assert energy == pytest.approx(0.5 * STUFF["young"] * 1e-8 * volume, rel=0.03)  # cells are wedges
+
+
 def test_mass_follows_volume():
     body = built(Box(points=(4, 5, 6), size=(1.0, 2.0, 3.0), density=500.0))
     assert body.mass.sum() == pytest.approx(3000.0)
@@ -101,6 +115,7 @@ def test_damping_is_proportional_and_regions_still_change_it():
         (lambda: built(Box(damping_ratio=0.1)), "damping_ratio: expected young and density beside it"),
         (lambda: built(Box(young=1.0, springs=("structural",))), "young: expected structural and shear springs"),
         (lambda: built(Box(young=1.0, size=(1, 3, 1))), "young: expected points about as far apart along every axis"),
+        (lambda: built(Ring(young=1.0)), "young: expected points about as far apart along every axis, at most 1.25"),
         (lambda: built(Sheet(young=1.0)), "young: expected a solid with cells"),
         (lambda: built(Rope(density=1.0)), "density: expected a solid with cells"),
     ],
