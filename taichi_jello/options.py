@@ -101,7 +101,7 @@ def options() -> Parser:
     def add(name: str, text: str, parents: list[Any], **default_scene: Any) -> Any:
         command = commands.add_parser(name, help=text, description=text, parents=parents)
         if parents:
-            command.add_argument("scene", metavar="SCENE", help="a demo's name, a .py or a .toml", **default_scene)
+            command.add_argument("scene", metavar="SCENE", help="a demo, or a .py, .toml or .w file", **default_scene)
         return command
 
     play = add("play", "the interactive window", [scene, drawing, replay], nargs="?", default="cube")

@@ -24,7 +24,10 @@ def painted(key: str, value: Any) -> Any:
     if not isinstance(value, (list, tuple, np.ndarray)):
         return number(key, value, low=0.0)
     try:
-        grid = np.array(value, float)
+        grid = np.array(value)
+        if grid.dtype.kind not in "fiu" and grid.size:
+            raise TypeError("not numbers")
+        grid = grid.astype(float)
     except (ValueError, TypeError):
         raise SceneError(key, "expected a number or nested lists of numbers, x by y by z") from None
     if grid.ndim != 3 or 0 in grid.shape:
@@ -105,7 +108,11 @@ class Region(Checked):
 
 
 def _called(name: str, function: Callable[[np.ndarray], Any], where: np.ndarray) -> np.ndarray:
-    value = np.asarray(function(where), float)
+    try:
+        value = np.asarray(function(where), float)
+    except Exception as error:  # whatever a person's function does
+        told = str(error).splitlines() or [""]
+        raise SceneError(name, f"the function of places failed: {type(error).__name__}: {told[0]}") from error
     if value.shape not in ((), (len(where),)):
         raise SceneError(name, f"expected a function of (n, 3) places that gives (n,) numbers, got shape {value.shape}")
     if not np.isfinite(value).all() or np.any(value < 0.0):

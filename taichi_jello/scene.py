@@ -310,7 +310,8 @@ def override(part: Any, path: Sequence[str], value: Any, key: str = "") -> Any:
             raise error.within(key.rpartition(".")[0]) if "." in key else error from None
     if isinstance(part, tuple):
         if not head.isdigit() or int(head) >= len(part):
-            raise SceneError(key, f"expected an index from 0 to {len(part) - 1}")
+            there = f"expected an index from 0 to {len(part) - 1}" if part else "the scene has none of these"
+            raise SceneError(key, there)
         new = override(part[int(head)], rest, value, key) if rest else value
         return (*part[: int(head)], new, *part[int(head) + 1 :])
     if isinstance(part, dict) and not rest:

@@ -84,6 +84,13 @@ def test_options_reach_the_simulation(here, small, tmp_path):
         assert words in done.stdout
 
 
+def test_whole_lists_of_tables_can_be_set(here, small, tmp_path):
+    settings = ("--set", 'collider=[{type="sphere", radius=0.2}]', "--set", "jello.0.pin=[{max=[1, 0, 1]}]")
+    assert here("explain", small, "--json", "facts.json", *settings).returncode == 0
+    told = json.loads((tmp_path / "facts.json").read_text())
+    assert {"sweep", "pins"} <= set(told["compiled_in"])
+
+
 def test_shot_writes_a_picture_of_the_size_asked_for(here, small, tmp_path):
     for renderer in ("auto", "raster"):
         done = here("shot", small, "-o", "x.png", "--size", "320x200", "--at", "0.1", "--renderer", renderer)
@@ -213,6 +220,18 @@ MISTAKES = [
     (("run", "small.toml", "-o", "x.npz", "--set", "jello.0.mass=-1"), "--set jello.0.mass: expected"),
     (("run", "small.toml", "-o", "x.npz", "--set", "jello.0.color=red"), "--set jello.0.color: unknown key"),
     (("run", "small.toml", "-o", "x.npz", "--set", "mass"), "expected key.path=value"),
+    (
+        ("run", "small.toml", "-o", "x.npz", "--set", "jello.0.pin.0.max=[1, 0, 1]"),
+        "--set jello.0.pin.0: the scene",
+    ),
+    (
+        ("run", "small.toml", "-o", "x.npz", "--set", "jello.0.keyframe=[{time=0, stifness=1}]"),
+        "--set jello.0.keyframe.0.stifness: unknown key, expected one of time, stiffness",
+    ),
+    (
+        ("run", "small.toml", "-o", "x.npz", "--set", 'collider=[{type="plne"}]'),
+        "--set collider.0.type: expected one of block, plane, box, sphere, got 'plne'",
+    ),
     (("run", "small.toml", "-o", "x.npz", "--from", "none.npz"), "--from none.npz: No such file"),
     (("run", "small.toml", "-o", "x.npz", "--from", "small.toml"), "--from small.toml: expected an NPZ file"),
     (("run", "small.toml"), "the following arguments are required: -o"),

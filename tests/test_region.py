@@ -53,6 +53,11 @@ def test_a_painted_grid_is_linear_between_its_nodes_and_a_function_sees_the_plac
         ({"min": (2, 2, 2), "max": (3, 3, 3)}, "jello.1.region.0: expected a part of the body"),
         ({"center": (5, 0, 0), "radius": 0.5}, "jello.1.region.0: expected a part of the body"),
         ({"stiffness_factor": lambda p: -1.0}, "jello.1.region.0.stiffness_factor: expected a function that gives"),
+        (
+            {"stiffness_factor": lambda p: "a"},
+            "jello.1.region.0.stiffness_factor: the function of places failed",
+        ),
+        ({"mass_factor": lambda p: 1 / 0}, "jello.1.region.0.mass_factor: the function of places failed: ZeroDivision"),
         ({"stiffness_factor": lambda p: p}, "jello.1.region.0.stiffness_factor: expected a function of"),
     ],
 )
@@ -69,6 +74,7 @@ def test_mistakes_that_only_the_body_shows(region, words):
         ({"radius": 0.0}, "radius: expected a finite number greater than 0"),
         ({"stiffness": -1.0}, "stiffness: expected a finite number of at least 0"),
         ({"damping_factor": [[1.0, 2.0]]}, "damping_factor: expected x by y by z numbers"),
+        ({"stiffness_factor": [[[True]]]}, "stiffness_factor: expected a number or nested lists"),
         ({"stiffness_factor": [[["soft"]]]}, "stiffness_factor: expected a number or nested lists"),
         ({"stiffness_factor": [[[-1.0]]]}, "stiffness_factor: expected finite numbers of at least 0"),
     ],

@@ -37,6 +37,21 @@ def test_torn_and_frozen_it_goes_on_from_its_file_to_the_same_bits(tmp_path):
     assert simulation.work == pytest.approx({name: float(end.memory[f"work.0.{name}"]) for name in simulation.work})
 
 
+def test_bdf2_goes_on_from_its_file_to_the_same_bits(tmp_path):
+    """It remembers a whole step, x and v of all particles."""
+    simulation = Simulation(Scene(jello=[Box(points=(3, 3, 3), spin=(1.0, 2.0, 0.0))]), method="bdf2")
+    simulation.frame()
+    simulation.frame()
+    trajectory = Trajectory(simulation)
+    trajectory.add()
+    trajectory.save(tmp_path / "half.npz")
+    simulation.frame()
+    x = simulation.x
+    simulation.restore(last_moment(tmp_path / "half.npz", simulation.body))
+    simulation.frame()
+    assert np.array_equal(simulation.x, x)
+
+
 def test_a_memory_of_another_scene_is_refused(tmp_path):
     body = Simulation(Scene(jello=[Box(points=(2, 2, 2))])).body
     np.savez(tmp_path / "odd.npz", x=body.x, v=body.v, memory_whole=np.ones(3, bool))

@@ -35,7 +35,7 @@ def load(name: str) -> Scene:
     if path.suffix not in known:
         raise SceneError(name, f"expected a demo ({', '.join(demos())}) or a file ending in {', '.join(known)}")
     if not path.is_file():
-        raise SceneError(name, "there is no such file")
+        raise SceneError(name, "it is a folder, expected a file" if path.is_dir() else "there is no such file")
     try:
         scene = known[path.suffix].load(path)
     except SceneError as error:

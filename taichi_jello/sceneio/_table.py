@@ -76,6 +76,21 @@ def check_known(name: str) -> None:
         raise SceneError(name, f"unknown key, expected one of {', '.join(known)}")
 
 
+def made_rows(scene: Scene, path: Sequence[str], value: Any) -> Any:
+    """What an array of tables at `path` describes, such as a jello's keyframes; any other value as it is."""
+    owner: Any = scene
+    for head in path[:-1]:
+        index = isinstance(owner, tuple) and head.isdigit() and int(head) < len(owner)
+        owner = owner[int(head)] if index else getattr(owner, head, None)
+    if not isinstance(value, list):
+        return value
+    chosen = {"collider": (Collider, "type"), "jello": (Jello, "shape")}.get(".".join(path))
+    if chosen:
+        return [make_chosen(*chosen, row, f"{path[0]}.{index}") for index, row in enumerate(value)]
+    kind = getattr(owner, "parts", {}).get(path[-1])
+    return value if kind is None else [make(kind, row, f"{'.'.join(path)}.{i}") for i, row in enumerate(value)]
+
+
 def changed(scene: Scene, path: Sequence[str], value: Any) -> Scene:
     """`override` by the names that files have: `uniform_field.force` is that of the scene's one uniform field, which is
     made if there is none, and `uniform_field.1.force` that of its second."""
@@ -84,7 +99,7 @@ def changed(scene: Scene, path: Sequence[str], value: Any) -> Scene:
     if kind is None:
         if name != "force":
             check_known(name)
-        return override(scene, path, value)
+        return override(scene, path, made_rows(scene, path, value))
     own = [index for index, force in enumerate(scene.force) if isinstance(force, kind)]
     if not rest or not own:
         table = {rest[0]: value} if len(rest) == 1 else value

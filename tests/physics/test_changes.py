@@ -143,8 +143,10 @@ def test_gravity_follows_its_keyframes(epsilon):
     rows = [GravityKeyframe(time=0.0, gravity=(0, 0, 0)), GravityKeyframe(time=0.5, gravity=(6.0, 0, 0))]
     simulation = Simulation(Scene(keyframe=rows, jello=[Box(points=(2, 2, 2), mass=2.0)]))
     simulation.advance(0.5)
-    # Gravity stands still within each of the 30 frames: 12 m/s³ (n - 1) T²/2n.
-    assert simulation.v.mean(0) == pytest.approx([12 * 0.125 * 29 / 30, 0.0, 0.0], abs=1000 * epsilon)
+    # Each frame has the gravity of its middle, so 12 m/s³ T²/2 is exact; to T³/6 every frame of h adds h³/12.
+    assert simulation.v.mean(0) == pytest.approx([12 * 0.125, 0.0, 0.0], abs=1000 * epsilon)
+    fallen = 12 * (0.125 / 6 + 0.5 * simulation.frame_dt**2 / 12)
+    assert simulation.x.mean(0) == pytest.approx([fallen, 0.0, 0.0], abs=1000 * epsilon)
     energies = simulation.energies()
     assert sum(energies.values()) == pytest.approx(simulation.work["keyframes"], abs=2000 * epsilon)
     assert "gravity" not in simulation.tuning

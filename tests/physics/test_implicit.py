@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from taichi_jello import Ball, Box, Contact, Keyframe, Plane, Region, Scene, Sheet, Simulation, Snapshot
+from taichi_jello import Ball, Box, Contact, Keyframe, Pin, Plane, Region, Scene, Sheet, Simulation, Snapshot
 from taichi_jello.physics.system import force_kinds
 
 STILL = (0.0, 0.0, 0.0)
@@ -157,6 +157,12 @@ def test_no_force_leaves_a_body_alone_and_a_state_at_rest_takes_no_round():
         simulation.frame()
         moved = start.x + simulation.dt * np.array(velocity)
         assert simulation.x == pytest.approx(moved, abs=1e-12) and np.isfinite(simulation.v).all()
+
+
+def test_a_body_that_is_pinned_whole_rests():
+    simulation = Simulation(Scene(jello=[Box(points=(3, 3, 3), pin=[Pin()])]), method="backward-euler")
+    simulation.frame()
+    assert simulation.x == pytest.approx(simulation.body.x) and not simulation.v.any()
 
 
 def test_the_solve_goes_by_springs_as_stiff_as_they_are_now():

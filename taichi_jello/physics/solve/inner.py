@@ -153,6 +153,8 @@ class TwoLevel(Blocks):
         padded = self.passes * VECTORS
         particle, corner = np.nonzero(self.weights)
         node, weight = self.nodes[particle, corner], self.weights[particle, corner]
+        if not len(node):  # all is pinned
+            particle, node, weight = np.zeros(1, int), np.zeros(1, int), np.zeros(1)
         order = np.argsort(node, kind="stable")
         tables = {
             "start": np.searchsorted(node[order], np.arange(self.count + 1)),  # of each node's particles
