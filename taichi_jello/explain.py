@@ -56,7 +56,16 @@ def facts(simulation: Simulation) -> dict[str, Any]:
         "dt": simulation.dt,
         "substeps": simulation.substeps,
         "frame_dt": simulation.frame_dt,
+        "in_parts_beyond": _in_parts_beyond(simulation),
     }
+
+
+def _in_parts_beyond(simulation: Simulation) -> float | None:
+    """[m] The way by which jellos may come at each other in one step: automatic steps are taken in parts beyond it."""
+    if simulation.asked_step != ("auto", None):
+        return None
+    least = min((force.nearest for force in simulation.system.hurried), default=np.inf)
+    return least if np.isfinite(least) else None
 
 
 def _unseen(system: Any) -> list[str]:
@@ -101,4 +110,6 @@ def text(told: dict[str, Any]) -> str:
     limit = endless if safe is None else f"safe dt = {safe:.4g} s (safety {bound['safety']:g} included)"
     lines.append(f"  {limit}" + (f"; dt = auto takes {told['automatic']}" if told["automatic"] else ""))
     lines.append(f"  dt = {told['dt']:.4g} s: {told['substeps']} substeps of a {told['frame_dt']:.4g} s frame")
+    if told["in_parts_beyond"]:
+        lines.append(f"  in parts while jellos come at each other by more than {told['in_parts_beyond']:.3g} m a step")
     return "\n".join(lines)

@@ -7,12 +7,12 @@ import numpy as np
 
 from taichi_jello.body import Body
 
-PART = 0.125  # of the thinner one's thickness, that two jellos may come nearer to each other in one part
+PART = 0.25  # of the thinner one's thickness, that two jellos may come nearer to each other in one part
 MOST = 10_000  # parts of a frame
 
 
 class Approach:
-    """Of the jellos of a body, `thickness` (J,) [m] at their thinnest."""
+    """Of the jellos of a body, `thickness` (J,) [m] each."""
 
     def __init__(self, body: Body, thickness: np.ndarray):
         self.first = np.searchsorted(body.jello, np.arange(len(thickness)))

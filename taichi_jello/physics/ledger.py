@@ -32,7 +32,8 @@ class Ledger:
     A force has the accounts `works` and their `powers`; one that has none, stores no energy and is asked one by one
     has the account of its title and the power F · v. Where there are handles they have one too: a held particle that
     moves at v does so against all forces on it, with the power -F · v (what other jellos press on it is left out).
-    Where jellos touch, what is stored jumps when a point comes to leave by another face: that stays in the residual.
+    Where jellos touch, what pushes a point to another than its nearest way out has no potential: that stays in the
+    residual.
     """
 
     def __init__(self, forces: tuple[ParticleForce, ...], memory: Memory, handles: bool = False):

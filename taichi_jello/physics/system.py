@@ -210,7 +210,7 @@ class System:
         """Substeps `first` to `last` of the current frame, dt [s] each; in this frame each in `parts`."""
         first, last, dt = first * self.parts, last * self.parts, dt / self.parts
         for force in self.hurried:
-            force.stride(dt, self.integrator.solves)
+            force.stride(dt, self.integrator.solves, self.bound.damping)
         if self.integrator.solves:
             self.integrator.prepare(self, dt)
         for sweep in self.sweeps:

@@ -11,6 +11,7 @@ from taichi_jello.physics.forces.skin_contact import shares
 FAR = 1e30  # m
 HALVES = np.array([[0, 1, 3], [0, 2, 3]])  # of a face, by the corners of FACES
 FACES = np.array([[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 4, 5], [2, 3, 6, 7], [0, 2, 4, 6], [1, 3, 5, 7]])
+THIN = 4.0  # times its radius, what a thin body is as thick as: a quarter of that may be passed in a step
 THICKNESS = {"sheet": 0.25, "rope": 0.5}  # the radius of a thin body, in lengths of its structural springs
 
 
@@ -28,7 +29,7 @@ class Touching:
     the triangles[start[g]:start[g + 1]], (T, 3) of points, outward where they are a skin's.
     radius (J,) [m] of each jello, zero for solid ones; spacing (J,) [m] between its points.
     thick (C,) [m]: how thick the undeformed body is around each cell; thickness (J,) [m]: the way through each jello,
-    where it is thinnest if it is not convex; convex (J,) bool: and stays so; hearts (J, 8): the corners of the cell in
+    through half of its cells if it is not convex, THIN times the radius of a thin one; convex (J,) bool: and stays so; hearts (J, 8): the corners of the cell in
     the middle of each solid one.
     """
 
@@ -93,10 +94,10 @@ class Touching:
             triangles = np.concatenate([triangles, len(bare) + body.skin[members]])
         radius = spacing * np.select([is_solid, is_sheet], [0.0, THICKNESS["sheet"]], THICKNESS["rope"])
         is_convex = np.array([is_solid[j] and convex(body.rest, body.cells[holder == j]) for j in range(jellos)])
-        thickness = 2.0 * radius
+        thickness = THIN * radius
         for j in np.flatnonzero(is_solid):  # where a convex one is thin it only ends
             own = holder == j
-            thickness[j] = thick[own].max() if is_convex[j] else max(thick[own].min(), spacing[j])
+            thickness[j] = thick[own].max() if is_convex[j] else max(np.median(thick[own]), spacing[j])
             thick[own] = thickness[j] if is_convex[j] else thick[own]
         main = np.take_along_axis(body.skin_corners, body.skin_weights.argmax(1)[:, None], 1)[:, 0]
         points = np.concatenate([bare, main]).astype(np.int32)

@@ -94,8 +94,9 @@ class ParticleForce:
     wait.
 
     With `hurries` it may need a frame's steps taken in parts: `parts(x, v, frame_dt, dt)` says in how many, for the
-    frame that begins with the particles at x and v, (N, 3) arrays. `stride(dt, solves)` tells it how long the steps are
-    that follow, and whether they are solved for.
+    frame that begins with the particles at x and v, (N, 3) arrays. `stride(dt, solves, damping)` tells it how long the
+    steps are that follow, whether they are solved for, and how fast [1/s] dashpots can damp. `nearest` [m]: the way
+    beyond which a step is taken in parts.
 
     A force is `mutual` if what it does to some particles it does to others the other way.
 
@@ -136,6 +137,7 @@ class ParticleForce:
     stale: Any
     parts: Any
     stride: Any
+    nearest: float
 
     @classmethod
     def made_for(cls, scene: Scene, particles: Particles) -> list[Any]:

@@ -21,7 +21,7 @@ from taichi_jello.physics.forces.contact import ContactLaw, pressure, rub
 from taichi_jello.physics.forces.skin_contact import SkinContact
 from taichi_jello.runtime import RuntimeProblem
 
-STOP = 0.25  # of the mass over the step, what an explicit step stands of a dashpot beside all else
+STOP = 0.25  # of the mass over the step, what an explicit step stands of a dashpot where little else damps
 SOFT = 0.5  # of the depth of a core, over which its dashpot grows hard
 BLIND = ("vulkan", "metal")  # compiled for them, the search makes lists that stay empty
 
@@ -108,13 +108,18 @@ class Touch(ContactLaw, ParticleForce):
         jellos = range(int(body.jello.max()) + 1)
         return np.array([[f(body.mass[body.jello == j]) for f in (np.min, np.sum)] for j in jellos])
 
+    @property
+    def nearest(self):
+        return self.approach.least
+
     def parts(self, x, v, frame_dt, dt):
         return self.approach.parts(x, v, frame_dt, dt)
 
-    def stride(self, dt, solves):
+    def stride(self, dt, solves, damping):
         """What a dashpot in a core may have [1/s], of the lightest particle and of all of a jello: where a step is
-        solved for it stops all of it within one."""
-        stops = (0.0, 1.0 / dt) if solves else (STOP / dt, 0.0)
+        solved for it stops all of it within one; else no more than what the other dashpots leave of the step's limit,
+        which is at 2/dt or beyond for every scheme."""
+        stops = (0.0, 1.0 / dt) if solves else (STOP * max(0.0, 1.0 / dt - 0.5 * damping), 0.0)
         if stops != self._stops:
             self._stops = stops
             self.stops.from_numpy(np.array(stops, self.particles.memory.number))
