@@ -29,8 +29,8 @@ class Touching:
     the triangles[start[g]:start[g + 1]], (T, 3) of points, outward where they are a skin's.
     radius (J,) [m] of each jello, zero for solid ones; spacing (J,) [m] between its points.
     thick (C,) [m]: how thick the undeformed body is around each cell; thickness (J,) [m]: the way through each jello,
-    through half of its cells if it is not convex, THIN times the radius of a thin one; convex (J,) bool: and stays so; hearts (J, 8): the corners of the cell in
-    the middle of each solid one.
+    through half of its cells if it is not convex, THIN times the radius of a thin one; convex (J,) bool: and stays so;
+    hearts (J, 8): the corners of the cell in the middle of each solid one.
     """
 
     bare: int

@@ -78,12 +78,12 @@ def check_known(name: str) -> None:
 
 def made_rows(scene: Scene, path: Sequence[str], value: Any) -> Any:
     """What an array of tables at `path` describes, such as a jello's keyframes; any other value as it is."""
+    if not isinstance(value, list):
+        return value
     owner: Any = scene
     for head in path[:-1]:
         index = isinstance(owner, tuple) and head.isdigit() and int(head) < len(owner)
         owner = owner[int(head)] if index else getattr(owner, head, None)
-    if not isinstance(value, list):
-        return value
     chosen = {"collider": (Collider, "type"), "jello": (Jello, "shape")}.get(".".join(path))
     if chosen:
         return [make_chosen(*chosen, row, f"{path[0]}.{index}") for index, row in enumerate(value)]

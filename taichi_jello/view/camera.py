@@ -12,8 +12,8 @@ NEAR = 0.05  # m; nothing nearer to the eye is drawn
 FAR = 1e5  # m
 STEEPEST = 0.995  # the sine of the steepest view up or down: at 1 the picture would spin about its own axis
 UP = np.array([0.0, 1.0, 0.0])
-LOST = 0.12  # of the same: what takes less is looked at from nearer
 FILLED = 0.85  # of the picture's half height and width, by what a view is fitted to
+LOST = 0.12  # of the same: what takes less is looked at from nearer
 ASPECT = 16.0 / 9.0  # of the pictures that cameras are set up for
 
 
