@@ -7,7 +7,7 @@ import numpy as np
 
 from taichi_jello.body import Body
 
-PART = 0.25  # of the thinner one's thickness, that two jellos may come nearer to each other in one part
+PART = 0.125  # of the thinner one's thickness, that two jellos may come nearer to each other in one part
 MOST = 10_000  # parts of a frame
 
 
