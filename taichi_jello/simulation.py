@@ -217,8 +217,7 @@ class Simulation:
         runtime.check(self.system.owner)
         grip = None if self._hand is None else self._hand.grip
         memory = self.system.changes.memory() | self.system.integrator.remembered()
-        if self.clock.done and self.system.parts > 1:
-            memory["parts"] = np.array(self.system.parts)
+        memory |= self.system.remembered(within=self.clock.done > 0)
         return Snapshot(self.time, *self.system.read(), memory, self.clock.hands, grip)
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -238,11 +237,11 @@ class Simulation:
         self.system.write(snapshot.x, snapshot.v)
         self.system.changes.recall(snapshot.memory)
         self.system.integrator.recall(snapshot.memory)
-        self.system.parts = int(snapshot.memory.get("parts", 1))
         if snapshot.grip is not None and self._hand is not None:
             self._hand.grip = snapshot.grip
             self._follow_hand()
         self.clock.turn(snapshot.clock, snapshot.time)
+        self.system.recall(snapshot.memory, self.clock.frame[0])
         self._begun = False
         self._open_books()
 

@@ -12,12 +12,14 @@ from taichi_jello.physics.elements import nearer
 from taichi_jello.physics.exits import Exits
 from taichi_jello.physics.inside import AT_HAND, Inside
 from taichi_jello.physics.neighbours import ROW, Neighbours
+from taichi_jello.physics.tangles import Tangles
 from taichi_jello.physics.touching import FAR, Touching
 from taichi_jello.torn import still_there
 
 AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and left out
 SLOTS = 16  # contacts of a point that are listed; if it has more, all contacts are looked through
 TINY = 1e-9  # m
+UP, SIDEWAYS = ti.Vector([0.0, 1.0, 0.0]), ti.Vector([1.0, 0.0, 0.0])
 LOAD = 2.0  # whole contacts that press on one point with full stiffness: its own and one that it is a corner of
 
 
@@ -54,9 +56,11 @@ class Contacts:
             self.holds = table("elements not parted", np.ones(len(touching.nodes), np.int32))
         self.there = memory.zeros(title, "x looked at", (memory.particles, 3))
         self.place = memory.zeros(title, "places", (self.points, 3))
+        self.can_tangle = others and touching.can_tangle
+        self.tangles = Tangles(title, body, memory, self.near) if self.can_tangle else None
         if self.has_solid:
             self.inside = Inside(title, memory, self.near, self.there, self.place)
-            self.exits = Exits(title, memory, self.near, self.there, self.place)
+            self.exits = Exits(title, memory, self.near, self.there, self.place, self.tangles)
         count = AT_ONCE * self.points
         self.corners = memory.zeros(title, "touched corners", (count, 3), whole=True)
         self.weights = memory.zeros(title, "their weights", (count, 3))
@@ -181,6 +185,8 @@ class Contacts:
             out = -out
         if distance < TINY:
             out = (b - a).cross(c - a)
+            if not solid:
+                out = self.aside(q, corners[0], b - a, out)
         n, touches = out / ti.max(out.norm(), 1e-30), 1
         if ti.static(self.has_thin):
             apart = ti.cast(0.0, float)
@@ -192,9 +198,22 @@ class Contacts:
             self.apart[contact] = apart
             if not solid:
                 self.core[contact], self.share[contact] = 2.0 * CORE * apart, 1.0
+                if ti.static(self.can_tangle):
+                    other = self.near.jello[self.near.points[corners[0]]]
+                    n, self.share[contact] = self.tangles.turned(q, other, n, distance, apart)
         if touches:
             self.corners[contact], self.weights[contact], self.normal[contact] = corners, weights, n
         return touches
+
+    @ti.func
+    def aside(self, q, corner, edge, normal):
+        """The way apart of the point q and the place beside `corner` of a thin body that it lies in: along the triangle's
+        normal, or square to a segment's edge, to one side for the first of two jellos, to the other for the second."""
+        if normal.norm_sqr() == 0.0:
+            normal = edge.cross(ti.select(ti.abs(edge[1]) < 0.9 * edge.norm(), UP, SIDEWAYS))
+        side = normal.dot(ti.Vector([0.1, 1.0, 0.01]))
+        first = self.near.points[q] < self.near.points[corner]
+        return ti.select((side > 0.0) == first, normal, -normal)
 
     @ti.func
     def enter(self, q, from_, to):

@@ -16,6 +16,7 @@ from taichi_jello.physics.cores import CORE
 from taichi_jello.physics.elements import nearer
 from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.state import Memory
+from taichi_jello.physics.tangles import SOFT
 from taichi_jello.physics.touching import FAR
 
 SAME = 0.5  # the cosine above which a face faces as the point does that would leave by it
@@ -30,9 +31,10 @@ BACK = 1 / 3  # of the distance to the face to leave by: within it a point near 
 class Exits:
     """The ways out of the cells, see Touching, for particles that are `there` and points that are at `place`."""
 
-    def __init__(self, title: str, memory: Memory, near: Neighbours, there: ti.Field, place: ti.Field):
+    def __init__(self, title: str, memory: Memory, near: Neighbours, there: ti.Field, place: ti.Field, tangles):
         touching = near.touching
         self.near, self.there, self.place = near, there, place
+        self.tangles, self.can_tangle = tangles, tangles is not None
         self.exits = memory.table(title, "exits of each cell", touching.exits)
         self.triangles = memory.table(title, "exits", touching.triangles)
         self.start = memory.table(title, "starts of exits", touching.start)
@@ -83,8 +85,10 @@ class Exits:
                     nearest = ti.min(nearest, found)
                     if look != ANY:
                         best, corners, weights = found, its_corners, its_weights
-        fewest = ti.select(self.both_convex(q, e), LEAST, 0.0)
+        fewest = ti.select(self.both_convex(q, e) or self.way_out(q, e).norm_sqr() > 0.0, LEAST, 0.0)
         counts = ti.math.clamp((nearest / ti.max(best, TINY)) ** 2, fewest, 1.0)
+        if ti.static(self.can_tangle):
+            counts *= ti.select(self.way_out(q, e).norm_sqr() > 0.0, SOFT, self.tangles.soft[q])
         if ti.static(self.near.skinned):  # noqa: SIM102
             if self.way[e][0] == 0.0 and self.is_outside(p, corners):
                 best = FAR
@@ -100,7 +104,19 @@ class Exits:
                 c = self.heart(self.near.jello[self.near.points[q]]) - self.heart(self.near.owner[e])
                 if self.leads(self.place[q], corners, weights, c) < -ASIDE:
                     sides = self.toward(e, c)
+        if ti.static(self.can_tangle):
+            c = self.way_out(q, e)
+            if c.norm_sqr() > 0.0 and best < FAR and self.leads(self.place[q], corners, weights, c) < SAME:
+                sides = self.toward(e, c)
         return sides
+
+    @ti.func
+    def way_out(self, q, e):
+        """The way by which the sheet of point q is to leave the jello of cell e; zero if that is not cut by it."""
+        way = ti.Vector([0.0, 0.0, 0.0])
+        if ti.static(self.can_tangle):
+            way = self.tangles.way[self.near.jello[self.near.points[q]] * self.near.jellos + self.near.owner[e]]
+        return way
 
     @ti.func
     def both_convex(self, q, e):

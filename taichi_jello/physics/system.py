@@ -253,7 +253,23 @@ class System:
         for force in self.all_forces:
             force.begin_frame(start, end)
         self._refresh(0.0, end - start)
+        if not within:
+            for force in self.hurried:
+                force.survey(self, self._good[:, :3], start)
         return gained
+
+    def remembered(self, within: bool) -> dict[str, np.ndarray]:
+        """What the frame that has begun, or, not `within` one, the next needs besides x and v to be the same."""
+        told = {"parts": np.array(self.parts)} if within and self.parts > 1 else {}
+        for force in self.hurried:
+            told |= force.remembered()
+        return told
+
+    def recall(self, memory: dict[str, np.ndarray], start: float) -> None:
+        """Go on from where `memory` was asked for, in a frame that begins at `start` [s]."""
+        self.parts = int(memory.get("parts", 1))
+        for force in self.hurried:
+            force.recall(memory, start)
 
     def write(self, x: np.ndarray, v: np.ndarray) -> None:
         """Set the state, (N, 3) each, and remember it as good."""

@@ -123,6 +123,12 @@ class Touching:
         )
 
     @property
+    def can_tangle(self) -> bool:
+        """Whether something can go through one of another jello: sheets have no inside."""
+        sheets = self.nodes[self.solid :]
+        return len(self.radius) > 1 and bool(np.any(sheets[:, 1] != sheets[:, 2]))
+
+    @property
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The points that each particle i is part of: those from first[i] to first[i + 1], and its weight in each."""
         particle = np.concatenate([self.points[: self.bare], self.corners.ravel()])

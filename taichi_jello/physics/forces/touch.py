@@ -260,6 +260,17 @@ class Touch(ContactLaw, ParticleForce):
     def begin_frame(self, start, end):
         self.near.begin_frame(start)
 
+    def survey(self, system, x, start):
+        if self.contacts.tangles:
+            self.contacts.tangles.look_over(system, x, start)
+
+    def remembered(self):
+        return self.contacts.tangles.remembered() if self.contacts.tangles else {}
+
+    def recall(self, memory, start):
+        if self.contacts.tangles:
+            self.contacts.tangles.recall(memory, start)
+
     def refresh(self, system, t, dt):
         self.near.refresh(system, t, dt, self.frame_dt)
 
