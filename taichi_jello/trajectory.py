@@ -9,7 +9,7 @@ import numpy as np
 
 from taichi_jello.body import Body
 from taichi_jello.physics.system import ENERGIES
-from taichi_jello.physics.tangles import NAMES as TANGLES
+from taichi_jello.physics.tangles import TANGLE
 from taichi_jello.simulation import Simulation, Snapshot
 
 # What a state and a scene must have in common, and how nearly: their shapes, not what they are made of.
@@ -85,7 +85,7 @@ def last_moment(path: Path, body: Body) -> Snapshot:
                     raise ValueError(f"{name}: expected a state of this scene, it is of another one")
             memory = {name.removeprefix(MEMORY): arrays[name] for name in arrays if name.startswith(MEMORY)}
             shapes = ((), (len(body.springs),), (int(body.jello.max()) + 1,), body.x.shape)
-            if any(values.shape not in shapes for name, values in memory.items() if name not in TANGLES):
+            if any(values.shape not in shapes for name, values in memory.items() if not name.startswith(TANGLE)):
                 raise ValueError("memory: expected a state of this scene, it is of another one")
             time = float(arrays["time"].ravel()[-1]) if "time" in arrays and arrays["time"].size else 0.0
     except (zipfile.BadZipFile, EOFError):

@@ -12,7 +12,7 @@ from taichi_jello.physics.elements import nearer
 from taichi_jello.physics.exits import Exits
 from taichi_jello.physics.inside import AT_HAND, Inside
 from taichi_jello.physics.neighbours import ROW, Neighbours
-from taichi_jello.physics.tangles import Tangles
+from taichi_jello.physics.tangles import DEEP, Tangles
 from taichi_jello.physics.touching import FAR, Touching
 from taichi_jello.torn import still_there
 
@@ -56,7 +56,7 @@ class Contacts:
             self.holds = table("elements not parted", np.ones(len(touching.nodes), np.int32))
         self.there = memory.zeros(title, "x looked at", (memory.particles, 3))
         self.place = memory.zeros(title, "places", (self.points, 3))
-        self.can_tangle = others and touching.can_tangle
+        self.can_tangle = others and (touching.has_sheets or touching.has_bent)
         self.tangles = Tangles(title, body, memory, self.near) if self.can_tangle else None
         if self.has_solid:
             self.inside = Inside(title, memory, self.near, self.there, self.place)
@@ -149,6 +149,11 @@ class Contacts:
                 if best < FAR:
                     contact = q * AT_ONCE + met
                     self.core[contact], self.share[contact] = self.exits.core[e], counts
+                    if ti.static(self.can_tangle and self.near.touching.has_bent):
+                        if best > DEEP * self.exits.core[e] and self.tangles.may_hold(
+                            self.near.jello[self.near.points[q]], self.near.owner[e]
+                        ):
+                            self.tangles.deep[0] = 1
                     met += self.note(q, met, corners, weights, best, True, v, ahead)
                     done = self.near.owner[e]
         return met
@@ -198,7 +203,7 @@ class Contacts:
             self.apart[contact] = apart
             if not solid:
                 self.core[contact], self.share[contact] = 2.0 * CORE * apart, 1.0
-                if ti.static(self.can_tangle):
+                if ti.static(self.can_tangle and self.near.touching.has_sheets):
                     other = self.near.jello[self.near.points[corners[0]]]
                     n, self.share[contact] = self.tangles.turned(q, other, n, distance, apart)
         if touches:

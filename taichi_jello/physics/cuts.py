@@ -51,3 +51,11 @@ def right_side(
         above = float(np.mean((place - where.mean(0)) @ way > 0.0))
         way, wrong = (way, 1.0 - above) if above >= 0.5 else (-way, above)
     return float(wrong), way / np.linalg.norm(way)
+
+
+def pierced(a: np.ndarray, b: np.ndarray, c: np.ndarray, p: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where the lines from p to q go through the triangles a, b, c, (K, 3) each, and the triangles' unit normals."""
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    before, behind = (np.abs(np.einsum("kd,kd->k", end - a, normal))[:, None] for end in (p, q))
+    return (behind * p + before * q) / (before + behind), normal

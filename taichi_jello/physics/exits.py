@@ -16,7 +16,6 @@ from taichi_jello.physics.cores import CORE
 from taichi_jello.physics.elements import nearer
 from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.state import Memory
-from taichi_jello.physics.tangles import SOFT
 from taichi_jello.physics.touching import FAR
 
 SAME = 0.5  # the cosine above which a face faces as the point does that would leave by it
@@ -88,7 +87,7 @@ class Exits:
         fewest = ti.select(self.both_convex(q, e) or self.way_out(q, e).norm_sqr() > 0.0, LEAST, 0.0)
         counts = ti.math.clamp((nearest / ti.max(best, TINY)) ** 2, fewest, 1.0)
         if ti.static(self.can_tangle):
-            counts *= ti.select(self.way_out(q, e).norm_sqr() > 0.0, SOFT, self.tangles.soft[q])
+            counts *= self.tangles.soft[q]
         if ti.static(self.near.skinned):  # noqa: SIM102
             if self.way[e][0] == 0.0 and self.is_outside(p, corners):
                 best = FAR
@@ -112,10 +111,10 @@ class Exits:
 
     @ti.func
     def way_out(self, q, e):
-        """The way by which the sheet of point q is to leave the jello of cell e; zero if that is not cut by it."""
+        """The way by which point q is to leave the jello of cell e, if these hold each other; else zero."""
         way = ti.Vector([0.0, 0.0, 0.0])
         if ti.static(self.can_tangle):
-            way = self.tangles.way[self.near.jello[self.near.points[q]] * self.near.jellos + self.near.owner[e]]
+            way = self.tangles.way_out(q, self.near.owner[e])
         return way
 
     @ti.func

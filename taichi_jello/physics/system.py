@@ -340,10 +340,14 @@ class System:
                 for force in ti.static(self.booked[slot]):
                     out[i, slot] += force.energy(i, self.state.x, t)
 
-    def make_ready(self, t: float) -> None:
-        """Have the forces find in this state what they are to be asked for one by one."""
+    def find_touched(self) -> None:
+        """Have the forces find what the particles touch where they are."""
         for r in range(self.rounds):
             self._look(r)
+
+    def make_ready(self, t: float) -> None:
+        """Have the forces find in this state what they are to be asked for one by one."""
+        self.find_touched()
         if self.prepared:
             self._prepare(t)
 

@@ -1,9 +1,12 @@
-"""Sheets and ropes that have gone through something: which way they come apart again.
+"""Jellos that have gone through each other: which way they come apart again, found once a frame.
 
 A thin body has no inside that would tell on which side of it a point belongs: by the nearest side alone half of a sheet
 that crosses another would be held on either side, for good. Where edges go through a sheet, the larger part of what it
 cuts is on the right side (as in Baraff, Witkin & Kass 2003, "Untangling cloth"); around the cut contact leads there and
 is soft, so that what is pulled through does not come out like a shot.
+
+Solids that are not both convex, as rings, may hold each other in the same way where they cross; there they part by
+the least way that leads what is around of one out of what is around of the other.
 """
 
 from typing import Any
@@ -13,7 +16,8 @@ import taichi as ti
 
 from taichi_jello.body import Body
 from taichi_jello.physics.boxes import meet, which_meet
-from taichi_jello.physics.cuts import right_side, surface_edges
+from taichi_jello.physics.crossed import clusters, hold_each_other, way_apart
+from taichi_jello.physics.cuts import pierced, right_side, surface_edges
 from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.state import Memory
 
@@ -21,38 +25,49 @@ SOFT = 0.05  # times as hard as usual is contact around a cut
 FIRM = 0.1  # s in which it grows e times harder again when the cut is gone
 TURNED = 0.5  # the cosine beyond which a side leads against the way
 AROUND = 2.0  # distances between the points: how far from a cut that is
+BEYOND = 2.0  # times as far as contacts reach: how far from their middle what holds each other is
+DEEP = 0.3  # of the way to a core: as deep as what holds each other is
+BENT = 2  # of solids that are not convex, 1 of convex ones, 0 of others
+AT_ONCE = 2
 NEVER = -1e30  # s
-NAMES = ("tangle_time", "tangle_beside", "tangle_way")  # in a snapshot's memory
+TANGLE = "tangle_"  # begins their names in a snapshot's memory
+HELD, NAMES = f"{TANGLE}held", tuple(f"{TANGLE}{name}" for name in ("time", "beside", "way"))
 
 
 @ti.data_oriented
 class Tangles:
-    """At a cut the point q is beside jello beside[q] - 1, and its contacts count for soft[q]; jello a leaves jello b
-    along way[J a + b], zero where they do not cross. All this holds for a frame."""
+    """The point q is to leave jello beside[q] - 1, if that is not negative, along way[q]; what touches it counts for
+    soft[q]. All this holds for a frame."""
 
     def __init__(self, title: str, body: Body, memory: Memory, near: Neighbours):
         touching = near.touching
         self.body, self.near, self.jellos, self.count = body, near, near.jellos, near.count
         self.whose, self.owner = body.jello[touching.points], body.jello[touching.nodes[:, 0]]
+        self.has_sheets, self.has_bent = touching.has_sheets, touching.has_bent
         self.edges = surface_edges(touching)
-        self.ends = memory.table(title, "edges", self.edges)
-        self.beside = memory.zeros(title, "cuts beside points", (self.count,), whole=True)
-        self.soft = memory.table(title, "softness at cuts", np.ones(self.count))
-        self.way = memory.zeros(title, "ways out of cuts", (self.jellos**2, 3))
+        if self.has_sheets:
+            self.ends = memory.table(title, "edges", self.edges)
+        self.kind = memory.table(title, "what can hold", np.where(touching.bent, BENT, touching.convex.astype(int)))
+        self.beside = memory.zeros(title, "jellos to leave", (self.count,), whole=True)
+        self.soft = memory.table(title, "softness", np.ones(self.count))
+        self.way = memory.zeros(title, "ways to leave them", (self.count, 3))
+        self.deep = memory.zeros(title, "any so deep that it may be held", (1,), whole=True)
+        self.looked = False  # at `deep` for the frame that has just begun
         self.number = memory.number
         self.now = self._none()
 
     def _none(self) -> tuple[np.ndarray, ...]:
-        return np.full(self.count, NEVER), np.zeros(self.count, np.int32), np.zeros((self.jellos**2, 3))
+        return np.full(self.count, NEVER), np.zeros(self.count, np.int32), np.zeros((self.count, 3))
 
     @property
     def tangled(self) -> bool:
         """Whether anything is, or was not long ago."""
-        return bool(np.any(self.now[0] > NEVER))
+        return bool(np.any(self.now[0] > NEVER) or self.now[1].any())
 
     def remembered(self) -> dict[str, np.ndarray]:
         """What a snapshot has to hold."""
-        return dict(zip(NAMES, self.now, strict=True)) if self.tangled else {}
+        told = dict(zip(NAMES, self.now, strict=True)) if self.tangled else {}
+        return told | ({HELD: np.array(1)} if self.has_bent and self.deep[0] else {})
 
     def recall(self, memory: dict[str, np.ndarray], start: float) -> None:
         """Be as a snapshot remembers, in the frame that begins at `start` [s]."""
@@ -60,6 +75,12 @@ class Tangles:
         asked = tuple(np.asarray(memory.get(name, usual)) for name, usual in zip(NAMES, none, strict=True))
         fits = all(one.shape == usual.shape for one, usual in zip(asked, none, strict=True))
         self._put(*(asked if fits else none), start)
+        self.deep[0] = int(HELD in memory)
+
+    def begin(self) -> None:
+        """The first step of a frame follows."""
+        if self.looked and self.has_bent:
+            self.deep[0], self.looked = 0, False
 
     def _put(self, cut: np.ndarray, beside: np.ndarray, way: np.ndarray, start: float) -> None:
         with np.errstate(over="ignore"):
@@ -69,50 +90,84 @@ class Tangles:
         self.beside.from_numpy(beside.astype(np.int32))
         self.way.from_numpy(way.astype(self.number))
 
-    def look_over(self, system: Any, x: np.ndarray, start: float) -> None:
-        """Find what crosses what as the frame begins, at `start` [s], with the particles at x (N, 3) [m]."""
-        hits = np.empty(len(self.edges), np.int32)
-        crossed = self._cross(system, hits) > 0
-        if crossed or self.tangled:
+    def look_over(self, system: Any, contacts: Any, x: np.ndarray, start: float) -> None:
+        """Find what holds what as the frame begins, at `start` [s], with the particles at x (N, 3) [m]."""
+        hits, touched = np.full(len(self.edges), -1, np.int32), np.zeros((len(self.whose), 2, 6), self.number)
+        crossed = self.has_sheets and self._cross(system, hits) > 0
+        held = self.has_bent and self._held(system, contacts, touched)
+        if crossed or held or self.tangled:
             cut, beside, way = self.now[0].copy(), *self._none()[1:]
+            touching = self.near.touching
+            place = np.concatenate([x[touching.points[: touching.bare]], self.body.skin_points(x)]).astype(float)
+            if held:
+                self._part_solids(x, place, touched.reshape(-1, 6), beside, way)
             if crossed:
-                self._tell(x.astype(float), hits, beside, way)
-            cut[beside > 0] = start
+                self._part_sheets(x, place, hits, cut, beside, way, start)
             self._put(cut, beside, way, start)
 
-    def _tell(self, x, hits, beside, way) -> None:
-        """Fill in what is to be known of the edges that go through the elements `hits` (E,), -1 for none."""
-        touching = self.near.touching
-        place = np.concatenate([x[touching.points[: touching.bare]], self.body.skin_points(x)])
-        cut = np.flatnonzero(hits >= 0)
-        a, b, c = np.moveaxis(x[touching.nodes[hits[cut], :3]], 1, 0)
-        normal = np.cross(b - a, c - a)
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        first, last = np.moveaxis(place[self.edges[cut]], 1, 0)
-        above, below = (np.abs(np.einsum("kd,kd->k", end - a, normal))[:, None] for end in (first, last))
-        where = (below * first + above * last) / (above + below)
-        pair = np.stack([self.whose[self.edges[cut, 0]], self.owner[hits[cut]]], 1)
+    def _held(self, system, contacts, touched) -> bool:
+        """Whether anything is, and was in the last frame, deep in a solid that may hold it; tells all contacts of such
+        pairs, see _press."""
+        self.looked = True
+        if not self.deep[0]:
+            return False
+        system.find_touched()
+        return self._press(system, contacts, touched) > 0
+
+    def _part_solids(self, x, place, touched, beside, way) -> None:
+        """Fill in the ways of what holds each other."""
+        found, spacing = np.flatnonzero(touched[:, 5]), self.near.touching.spacing
+        pair = np.sort(np.stack([self.whose[found // 2], touched[found, 5].astype(int) - 1], 1), 1)
+        for a, b in np.unique(pair, axis=0):
+            own = found[(pair == (a, b)).all(1)]
+            normal = np.where(self.whose[own // 2, None] == a, 1.0, -1.0) * touched[own, :3]
+            label = clusters(place[own // 2], 1.5 * max(spacing[a], spacing[b]))
+            for number in np.unique(label):
+                here = label == number
+                if hold_each_other(normal[here], *touched[own[here], 3:5].T):
+                    where = place[own[here] // 2]
+                    middle = where.mean(0)
+                    reach = BEYOND * np.linalg.norm(where - middle, axis=1).max()
+                    one, other = (x[(self.body.jello == j) & self._near(x, middle, reach)] for j in (a, b))
+                    if len(one) and len(other):
+                        out = way_apart(one, other)
+                        for j, k, apart in ((a, b, out), (b, a, -out)):
+                            points = (self.whose == j) & self._near(place, middle, reach)
+                            beside[points], way[points] = k + 1, apart
+
+    @staticmethod
+    def _near(places, middle, reach):
+        return np.linalg.norm(places - middle, axis=1) < reach
+
+    def _part_sheets(self, x, place, hits, cut, beside, way, start) -> None:
+        """Fill in the ways of what the edges belong to that go through the elements `hits` (E,), -1 for none."""
+        touching, edge = self.near.touching, np.flatnonzero(hits >= 0)
+        where, normal = pierced(*np.moveaxis(x[touching.nodes[hits[edge], :3]], 1, 0), *np.moveaxis(place[self.edges[edge]], 1, 0))
+        pair = np.stack([self.whose[self.edges[edge, 0]], self.owner[hits[edge]]], 1)
         for both in np.unique(np.sort(pair, 1), axis=0):
             found = []
             for one, other in (both, both[::-1]):
                 own = np.flatnonzero((pair == (one, other)).all(1))
                 if len(own):
-                    points = np.flatnonzero(self.whose == one)  # in a row only among the bare ones and among the skin's
-                    edges = np.flatnonzero(self.whose[self.edges[:, 0]] == one)
-                    wrong, out = right_side(
+                    points, edges = np.flatnonzero(self.whose == one), np.flatnonzero(self.whose[self.edges[:, 0]] == one)
+                    side = right_side(
                         place[points],
                         np.searchsorted(points, self.edges[edges]),
-                        np.searchsorted(edges, cut[own]),
+                        np.searchsorted(edges, edge[own]),
                         where[own],
                         normal[own],
                     )
-                    found.append((wrong, one, other, out))
-                    reach = AROUND * touching.spacing[both].max()
-                    for q in np.flatnonzero(np.isin(self.whose, both)):
-                        if np.linalg.norm(where[own] - place[q], axis=1).min() < reach:
-                            beside[q] = 1 + both.sum() - self.whose[q]
-            _, one, other, out = min(found, key=lambda f: f[:2])
-            way[one * self.jellos + other], way[other * self.jellos + one] = out, -out
+                    found.append((*side, one, other))
+            _, out, one, other = min(found, key=lambda side: side[0])
+            reach = AROUND * touching.spacing[both].max()
+            cuts = where[(np.sort(pair, 1) == np.sort(both)).all(1)]
+            for j, k, apart in ((one, other, out), (other, one, -out)):
+                points = np.flatnonzero(self.whose == j)
+                close = np.linalg.norm(place[points][:, None] - cuts, axis=2).min(1) < reach
+                if touching.radius[k] == 0.0:
+                    low, high = x[self.body.jello == k].min(0), x[self.body.jello == k].max(0)
+                    close |= np.all((low <= place[points]) & (place[points] <= high), axis=1)
+                beside[points[close]], way[points[close]], cut[points[close]] = k + 1, apart, start
 
     @ti.func
     def turned(self, q, b, n, distance, apart):
@@ -120,11 +175,38 @@ class Tangles:
         how much that counts for. A turned contact stores the energy that it would unturned; see Exits.leave."""
         counts = self.soft[q]
         if self.beside[q] == b + 1:
-            a = self.near.jello[self.near.points[q]]
-            if n.dot(self.way[a * self.jellos + b]) < -TURNED:
+            if n.dot(self.way[q]) < -TURNED:
                 n = -n
                 counts *= (ti.max(0.0, apart - distance) / (apart + distance)) ** 2
         return n, counts
+
+    @ti.func
+    def way_out(self, q, b):
+        """The way along which point q is to leave jello b; zero if that does not matter."""
+        return ti.select(self.beside[q] == b + 1, self.way[q], 0.0 * self.way[q])
+
+    @ti.func
+    def may_hold(self, a, b):
+        """Whether jellos a and b are two solids that may hold each other."""
+        return a != b and ti.min(self.kind[a], self.kind[b]) > 0 and ti.max(self.kind[a], self.kind[b]) == BENT
+
+    @ti.kernel
+    def _press(self, system: ti.template(), contacts: ti.template(), touched: ti.types.ndarray()) -> int:
+        """For each contact of a pair of solids that may hold each other its normal, its depth and how deep
+        [m] is deep, and the other jello's number + 1. Returns how many are so deep."""
+        found = 0
+        for q in range(self.count):
+            a = self.near.jello[self.near.points[q]]
+            for k in range(contacts.own[q]):
+                contact = q * AT_ONCE + k
+                b = self.near.jello[self.near.points[contacts.corners[contact][0]]]
+                if self.may_hold(a, b):
+                    depth, deep = contacts.depth(contact, system.state.x), DEEP * contacts.core[contact]
+                    for axis in ti.static(range(3)):
+                        touched[q, k, axis] = contacts.normal[contact][axis]
+                    touched[q, k, 3], touched[q, k, 4], touched[q, k, 5] = depth, deep, b + 1
+                    found += depth > deep
+        return found
 
     @ti.kernel
     def _cross(self, system: ti.template(), hits: ti.types.ndarray(dtype=ti.i32, ndim=1)) -> int:
@@ -147,7 +229,9 @@ class Tangles:
         while k < self.jellos and self.near.met[a * self.jellos + k] >= 0 and hit < 0:
             b = self.near.met[a * self.jellos + k]
             k += 1
-            if a != b and self.near.radius[b] > 0.0:
+            since = -self.near.clock[0] * self.near.drift[b]
+            inside = meet(self.near.hull[b], ti.min(p, q) - since, ti.max(p, q) - since)
+            if a != b and self.near.radius[b] > 0.0 and inside:
                 hit = self._hit_in(b, p, q, x)
         return hit
 

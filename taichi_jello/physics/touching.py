@@ -30,6 +30,7 @@ class Touching:
     radius (J,) [m] of each jello, zero for solid ones; spacing (J,) [m] between its points.
     thick (C,) [m]: how thick the undeformed body is around each cell; thickness (J,) [m]: the way through each jello,
     through half of its cells if it is not convex, THIN times the radius of a thin one; convex (J,) bool: and stays so;
+    bent (J,): solid ones that are not, and keep their shape;
     hearts (J, 8): the corners of the cell in the middle of each solid one.
     """
 
@@ -50,6 +51,7 @@ class Touching:
     thick: np.ndarray
     thickness: np.ndarray
     convex: np.ndarray
+    bent: np.ndarray
     hearts: np.ndarray
 
     @classmethod
@@ -119,14 +121,20 @@ class Touching:
             thick=thick,
             thickness=thickness,
             convex=is_convex & ~loose,
+            bent=is_solid & ~is_convex & ~loose,
             hearts=hearts(body.rest, body.cells, holder, jellos),
         )
 
     @property
-    def can_tangle(self) -> bool:
-        """Whether something can go through one of another jello: sheets have no inside."""
+    def has_sheets(self) -> bool:
+        """Whether something can go through a sheet of another jello."""
         sheets = self.nodes[self.solid :]
         return len(self.radius) > 1 and bool(np.any(sheets[:, 1] != sheets[:, 2]))
+
+    @property
+    def has_bent(self) -> bool:
+        """Whether solids of two jellos can hold each other: one is not convex, and none is loose."""
+        return bool(self.bent.any()) and int(np.sum(self.bent | self.convex)) > 1
 
     @property
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
