@@ -7,6 +7,7 @@ radius away from their triangles and segments.
 import numpy as np
 import taichi as ti
 
+from taichi_jello.physics.brake import Brake
 from taichi_jello.physics.cores import CORE
 from taichi_jello.physics.elements import nearer
 from taichi_jello.physics.exits import Exits
@@ -58,6 +59,8 @@ class Contacts:
         self.place = memory.zeros(title, "places", (self.points, 3))
         self.can_tangle = others and (touching.has_sheets or touching.has_bent)
         self.tangles = Tangles(title, body, memory, self.near) if self.can_tangle else None
+        self.can_brake = others and int(np.sum(touching.convex | touching.bent)) > 1
+        self.brake = Brake(title, body, memory, touching) if self.can_brake else None
         if self.has_solid:
             self.inside = Inside(title, memory, self.near, self.there, self.place)
             self.exits = Exits(title, memory, self.near, self.there, self.place, self.tangles)
@@ -83,6 +86,9 @@ class Contacts:
                 self.there[i] = x[i] + ahead * v[i]
             for q in range(from_, to):
                 self.own[q], self.listed[q] = 0, 0
+            if ti.static(self.can_brake):
+                for _ in range(ti.select(first == 0, 1, 0)):
+                    self.brake.reset()
         elif ti.static(r == 1):
             for q in range(from_, to):
                 if self.near.meets_any[self.near.jello[self.near.points[q]]]:
@@ -149,14 +155,21 @@ class Contacts:
                 if best < FAR:
                     contact = q * AT_ONCE + met
                     self.core[contact], self.share[contact] = self.exits.core[e], counts
-                    if ti.static(self.can_tangle and self.near.touching.has_bent):
-                        if best > DEEP * self.exits.core[e] and self.tangles.may_hold(
-                            self.near.jello[self.near.points[q]], self.near.owner[e]
-                        ):
-                            self.tangles.deep[0] = 1
+                    self.tell(q, e, best)
                     met += self.note(q, met, corners, weights, best, True, v, ahead)
                     done = self.near.owner[e]
         return met
+
+    @ti.func
+    def tell(self, q, e, depth):
+        """Have brake and tangles know of a point that is `depth` [m] in cell e."""
+        a, b, core = self.near.jello[self.near.points[q]], self.near.owner[e], self.exits.core[e]
+        if ti.static(self.can_brake):  # noqa: SIM102 - decided when it is compiled
+            if depth > core:
+                self.brake.notice(a, b)
+        if ti.static(self.can_tangle):  # noqa: SIM102
+            if depth > DEEP * core:
+                self.tangles.notice(a, b)
 
     @ti.func
     def find_thin(self, q, met, v, ahead):
@@ -212,7 +225,7 @@ class Contacts:
 
     @ti.func
     def aside(self, q, corner, edge, normal):
-        """The way apart of the point q and the place beside `corner` of a thin body that it lies in: along the triangle's
+        """The way apart of the point q and a place beside `corner` of a thin body that it lies in: along a triangle's
         normal, or square to a segment's edge, to one side for the first of two jellos, to the other for the second."""
         if normal.norm_sqr() == 0.0:
             normal = edge.cross(ti.select(ti.abs(edge[1]) < 0.9 * edge.norm(), UP, SIDEWAYS))

@@ -20,7 +20,7 @@ def clusters(place: np.ndarray, reach: float) -> np.ndarray:
 
 
 def hold_each_other(normal: np.ndarray, depth: np.ndarray, deep: np.ndarray) -> bool:
-    """Whether contacts with the normals (K, 3), all seen from the same body, press against each other, and some are deep."""
+    """Whether contacts with the normals (K, 3), all seen from one body, press against each other, some of them deep."""
     return bool(np.any(depth > deep)) and float(np.linalg.norm(normal.sum(0))) < AGREE * len(normal)
 
 

@@ -1,4 +1,4 @@
-"""Where a surface is cut by what has gone through it: which part is on the right side, and the way there (NumPy only)."""
+"""A surface that something has gone through: which part of it is on the right side, and the way there (NumPy only)."""
 
 import numpy as np
 

@@ -41,8 +41,8 @@ class Ledger:
         self.plain = tuple(f for f in forces if not f.works and f.energy_kind is None and not f.in_passes)
         self.names = [name for force in self.own for name in force.works] + [force.title for force in self.plain]
         self.handles, self.alone = handles, tuple(force for force in forces if not force.prepares)
-        self.impacts = len(self.names)  # the column of what is lost where particles meet the cores of solids
-        self.names += ["impacts"] * any(force.sweep for force in forces) + ["handles"] * handles
+        self.impacts = len(self.names)  # the column of what is lost in the cores of solids
+        self.names += ["impacts"] * any(force.sweep or force.brake for force in forces) + ["handles"] * handles
         self.starts = tuple(int(n) for n in np.cumsum([0] + [len(force.works) for force in self.own]))
         self.memory, self.count, self.columns = memory, memory.particles, len(self.names)
         if self.names:

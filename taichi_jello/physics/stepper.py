@@ -70,6 +70,7 @@ class Stepper:
                             self.integrator.solver.turn(kind, self.system, first, last)
                     self.integrator.solver.turn_ends(self.system, first, last)
         self.integrator.finish(self.system, first, last, step * dt, dt)
+        self.system.brake(first, last)
         if ti.static(self.books):
             self.ledger.book(self.system, first, last, step + 1 - origin, stop - origin, origin, dt)
         if ti.static(len(self.watched) > 0):  # noqa: SIM102
@@ -117,6 +118,8 @@ class Stepper:
                 for s in range(self.integrator.stages - 1):
                     self._parallel_stage(s, step, dt)
                 self._parallel_last_stage(self.integrator.stages - 1, step, dt)
+            if self.system.brakes and not self._is_stale():
+                self._parallel_brake()
             if self.books and not (self.watched and self._is_stale()):
                 self._parallel_book(origin, step + 1, last, dt)
 
@@ -167,6 +170,10 @@ class Stepper:
     @ti.kernel
     def _parallel_finish(self, t: float, dt: float):
         self.integrator.finish(self.system, 0, self.count, t, dt)
+
+    @ti.kernel
+    def _parallel_brake(self):
+        self.system.brake(0, self.count)
 
     @ti.kernel
     def _parallel_last_stage(self, s: int, step: int, dt: float):

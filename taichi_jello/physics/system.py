@@ -75,6 +75,7 @@ class System:
         self.watched = tuple(force for force in self.all_forces if force.watches)
         self.hurried, self.parts = tuple(force for force in self.all_forces if force.hurries), 1
         self.sweeps = tuple(force.sweep for force in self.all_forces if force.sweep)
+        self.brakes = tuple(force.brake for force in self.all_forces if force.brake)
         self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
         damped = any(force.reads_velocity for force in self.all_forces)
         self.integrator = Scheme(self.memory, self.state, damped, body)
@@ -168,6 +169,12 @@ class System:
         for sweep in ti.static(self.sweeps):
             stopped = stopped | sweep.stop(self, first, last, x0, x, v, t, dt, drifted)
         return stopped
+
+    @ti.func
+    def brake(self, first, last):
+        """At the end of a step."""
+        for brake in ti.static(self.brakes):
+            brake.brake(self, first, last, self.state.x, self.state.v)
 
     @ti.func
     def look(self, first, last, x, v, ahead):

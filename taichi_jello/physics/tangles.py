@@ -56,7 +56,7 @@ class Tangles:
         self.number = memory.number
         self.now = self._none()
 
-    def _none(self) -> tuple[np.ndarray, ...]:
+    def _none(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return np.full(self.count, NEVER), np.zeros(self.count, np.int32), np.zeros((self.count, 3))
 
     @property
@@ -71,10 +71,10 @@ class Tangles:
 
     def recall(self, memory: dict[str, np.ndarray], start: float) -> None:
         """Be as a snapshot remembers, in the frame that begins at `start` [s]."""
-        none = self._none()
-        asked = tuple(np.asarray(memory.get(name, usual)) for name, usual in zip(NAMES, none, strict=True))
-        fits = all(one.shape == usual.shape for one, usual in zip(asked, none, strict=True))
-        self._put(*(asked if fits else none), start)
+        values = self._none()
+        if all(name in memory and memory[name].shape == none.shape for name, none in zip(NAMES, values, strict=True)):
+            values = memory[NAMES[0]], memory[NAMES[1]], memory[NAMES[2]]
+        self._put(*values, start)
         self.deep[0] = int(HELD in memory)
 
     def begin(self) -> None:
@@ -142,14 +142,19 @@ class Tangles:
     def _part_sheets(self, x, place, hits, cut, beside, way, start) -> None:
         """Fill in the ways of what the edges belong to that go through the elements `hits` (E,), -1 for none."""
         touching, edge = self.near.touching, np.flatnonzero(hits >= 0)
-        where, normal = pierced(*np.moveaxis(x[touching.nodes[hits[edge], :3]], 1, 0), *np.moveaxis(place[self.edges[edge]], 1, 0))
+        where, normal = pierced(
+            *np.moveaxis(x[touching.nodes[hits[edge], :3]], 1, 0), *np.moveaxis(place[self.edges[edge]], 1, 0)
+        )
         pair = np.stack([self.whose[self.edges[edge, 0]], self.owner[hits[edge]]], 1)
         for both in np.unique(np.sort(pair, 1), axis=0):
             found = []
             for one, other in (both, both[::-1]):
                 own = np.flatnonzero((pair == (one, other)).all(1))
                 if len(own):
-                    points, edges = np.flatnonzero(self.whose == one), np.flatnonzero(self.whose[self.edges[:, 0]] == one)
+                    points, edges = (
+                        np.flatnonzero(self.whose == one),
+                        np.flatnonzero(self.whose[self.edges[:, 0]] == one),
+                    )
                     side = right_side(
                         place[points],
                         np.searchsorted(points, self.edges[edges]),
@@ -174,16 +179,22 @@ class Tangles:
         """The way along which point q is to leave a thin body of jello b that is `distance` [m] away against n, and
         how much that counts for. A turned contact stores the energy that it would unturned; see Exits.leave."""
         counts = self.soft[q]
-        if self.beside[q] == b + 1:
-            if n.dot(self.way[q]) < -TURNED:
-                n = -n
-                counts *= (ti.max(0.0, apart - distance) / (apart + distance)) ** 2
+        if n.dot(self.way_out(q, b)) < -TURNED:
+            n = -n
+            counts *= (ti.max(0.0, apart - distance) / (apart + distance)) ** 2
         return n, counts
 
     @ti.func
     def way_out(self, q, b):
         """The way along which point q is to leave jello b; zero if that does not matter."""
         return ti.select(self.beside[q] == b + 1, self.way[q], 0.0 * self.way[q])
+
+    @ti.func
+    def notice(self, a, b):
+        """Jello a has a point deep in jello b."""
+        if ti.static(self.has_bent):  # noqa: SIM102 - decided when it is compiled
+            if self.may_hold(a, b):
+                self.deep[0] = 1
 
     @ti.func
     def may_hold(self, a, b):

@@ -100,7 +100,8 @@ class ParticleForce:
 
     A force is `mutual` if what it does to some particles it does to others the other way.
 
-    With a `sweep` (see physics/sweep.py) every step ends with a look whether it went through something.
+    With a `sweep` (see physics/sweep.py) every step ends with a look whether it went through something; with a `brake`
+    (see physics/brake.py) what has gone deep into something loses speed at its end.
 
     For the energy ledger (see physics/ledger.py) a force that stores energy and also has losses names these in
     `works` and defines `@ti.func powers(self, i, x, v, t)`, a vector with particle i's share of each [W].
@@ -123,6 +124,7 @@ class ParticleForce:
     hurries: bool = False
     fresh: bool = True
     sweep: Any = None
+    brake: Any = None
     works: tuple[str, ...] = ()
     prepare: Any
     on: Any

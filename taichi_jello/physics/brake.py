@@ -1,0 +1,143 @@
+"""Jellos too weak for their own speed: what comes into the core of another one is braked as a whole.
+
+Springs of contact, however hard, stop only what touches. Where the springs behind that hold less energy than what comes
+has, the rest comes on through its own stopped front. So while points of one solid are in the core of another one, the
+two lose of the speed at which they come at each other, as in an inelastic impact, and turn together as much as their
+momentum about each other then asks for: momentum and angular momentum stay as they are, energy only falls.
+"""
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.body import Body
+from taichi_jello.physics.boxes import TINY
+from taichi_jello.physics.state import Memory
+from taichi_jello.physics.touching import Touching
+
+SLIM = 1e-4  # of a round body's inertia and mass: what has less does not turn
+
+
+@ti.data_oriented
+class Brake:
+    """deep[J a + b]: whether one of the jellos a and b is in a core of the other one; any[0]: whether any is. Those
+    that may melt or tear, and thin ones, are not braked."""
+
+    def __init__(self, title: str, body: Body, memory: Memory, touching: Touching):
+        self.jellos = J = len(touching.radius)
+        self.firm = memory.table(title, "firm jellos", (touching.convex | touching.bent).astype(np.int32))
+        self.jello = memory.table(title, "jello of each particle", body.jello)
+        self.free = memory.table(title, "masses if free", np.where(body.pinned, 0.0, body.mass))
+        self.starts = memory.table(title, "first particle of each jello", np.searchsorted(body.jello, np.arange(J + 1)))
+        self.deep = memory.zeros(title, "pairs in a core", (J * J,), whole=True)
+        self.any = memory.zeros(title, "any in a core", (1,), whole=True)
+        names = ("centres", "speeds", "spins", "pushes", "turns")
+        self.centre, self.speed, self.spin, self.push, self.turn = (
+            memory.zeros(title, f"{name} of jellos", (J, 3)) for name in names
+        )
+        self.inertia = memory.zeros(title, "inertia of jellos", (J, 9))
+        self.mass, self.pairs = (
+            memory.zeros(title, f"{name} of jellos", (J,)) for name in ("free masses", "braked pairs")
+        )
+
+    @ti.func
+    def reset(self):
+        if self.any[0] == 1:
+            for pair in range(self.jellos * self.jellos):
+                self.deep[pair] = 0
+            self.any[0] = 0
+
+    @ti.func
+    def notice(self, a, b):
+        """Jello a has a point in a core of jello b."""
+        if a != b and self.firm[a] == 1 and self.firm[b] == 1:
+            self.deep[a * self.jellos + b] = self.deep[b * self.jellos + a] = self.any[0] = 1
+
+    @ti.func
+    def brake(self, system, first, last, x, v):
+        """At the end of a step, for the share of the particles first … last - 1."""
+        system.wait_for_team()  # until all particles are where they are at the end of the step
+        any_deep = self.any[0]
+        from_ = system.share_of(first, self.jellos)
+        to = ti.select(any_deep, system.share_of(last, self.jellos), from_)
+        for j in range(from_, to):
+            self.weigh(j, x, v)
+        system.wait_for_team()
+        for j in range(from_, to):
+            self.push[j], self.turn[j] = self.all_pushes(j)
+        system.wait_for_team()
+        for i in range(first, ti.select(any_deep, last, first)):
+            j = self.jello[i]
+            push = self.push[j] + self.turn[j].cross(x[i] - self.centre[j])
+            if self.free[i] > 0.0 and push.norm_sqr() > 0.0:
+                if ti.static(system.books):
+                    work = self.free[i] * push.dot(v[i] + 0.5 * push)
+                    column = ti.static(system.ledger.impacts)
+                    system.ledger.work[i][column] = system.ledger.work[i][column] + work
+                v[i] = v[i] + push
+
+    @ti.func
+    def weigh(self, j, x, v):
+        """The mass, centre, speed, inertia and angular momentum of what is free of jello j, and how many others brake
+        it."""
+        mass, centre, speed, pairs = ti.cast(0.0, float), 0.0 * x[0], 0.0 * v[0], ti.cast(0.0, float)
+        for k in range(self.jellos):
+            pairs += ti.cast(self.deep[j * self.jellos + k], float)
+        if pairs > 0.0:
+            for i in range(self.starts[j], self.starts[j + 1]):
+                mass += self.free[i]
+                centre += self.free[i] * x[i]
+                speed += self.free[i] * v[i]
+            centre, speed = centre / ti.max(mass, TINY), speed / ti.max(mass, TINY)
+            inertia, spin = ti.Matrix.zero(float, 3, 3), 0.0 * v[0]
+            for i in range(self.starts[j], self.starts[j + 1]):
+                arm = x[i] - centre
+                inertia += self.free[i] * lever(arm)
+                spin += self.free[i] * arm.cross(v[i] - speed)
+            for k in ti.static(range(9)):
+                self.inertia[j][k] = inertia[k // 3, k % 3]
+            self.centre[j], self.speed[j], self.spin[j] = centre, speed, spin
+        self.mass[j], self.pairs[j] = mass, pairs
+
+    @ti.func
+    def all_pushes(self, j):
+        """By how much [m/s] the centre of jello j, and [rad/s] its turning, is braked by all others in whose core it
+        is, or they in its own. Each pair has its share of what both stand."""
+        push, turn = 0.0 * self.speed[j], 0.0 * self.speed[j]
+        for k in range(self.jellos):
+            if self.deep[j * self.jellos + k] == 1 and ti.min(self.mass[j], self.mass[k]) > 0.0:
+                way, speed = self.centre[j] - self.centre[k], self.speed[j] - self.speed[k]
+                if way.dot(speed) < 0.0:
+                    lost, whirl = self.lost(j, k, way, speed)
+                    share = 1.0 / ti.max(self.pairs[j], self.pairs[k])
+                    other = self.mass[k] / (self.mass[j] + self.mass[k])
+                    push += share * (lost + whirl.cross(other * way))
+                    turn += share * whirl
+        return push, turn
+
+    @ti.func
+    def lost(self, j, k, way, speed):
+        """The impulse that takes from jellos j and k, at `way` from each other, what it can of the energy of the
+        `speed` between them: along that speed, and with a turning of both about their common centre, so that their
+        angular momentum stays. Returns what it adds to the speed of j, and that turning."""
+        a, b = self.mass[j], self.mass[k]
+        reduced, d = a * b / (a + b), speed / ti.max(speed.norm(), TINY)
+        inertia = reduced * lever(way)
+        for r in ti.static(range(3)):
+            for c in ti.static(range(3)):
+                inertia[r, c] += self.inertia[j][3 * r + c] + self.inertia[k][3 * r + c]
+        arm = reduced * way.cross(d)
+        whirl = ti.Vector([0.0, 0.0, 0.0])
+        size = inertia.trace()
+        if (inertia / ti.max(size, TINY)).determinant() > SLIM:
+            whirl = -(size * (inertia / size)).inverse() @ arm
+        momentum = self.spin[j] + self.spin[k] + reduced * way.cross(speed)
+        along = reduced * speed.norm() + whirl.dot(momentum)
+        weight = reduced + whirl.dot(arm)
+        amount = -ti.max(0.0, along) / ti.max(weight, SLIM * reduced)
+        return amount * b / (a + b) * d, amount * whirl
+
+
+@ti.func
+def lever(arm):
+    """The inertia of a unit of mass on an arm."""
+    return arm.norm_sqr() * ti.Matrix.identity(float, 3) - arm.outer_product(arm)
