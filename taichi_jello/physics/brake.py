@@ -55,16 +55,19 @@ class Brake:
     @ti.func
     def brake(self, system, first, last, x, v):
         """At the end of a step, for the share of the particles first … last - 1."""
-        system.wait_for_team()  # until all particles are where they are at the end of the step
         any_deep = self.any[0]
+        if any_deep:
+            system.wait_for_team()  # until all particles are where they are at the end of the step
         from_ = system.share_of(first, self.jellos)
         to = ti.select(any_deep, system.share_of(last, self.jellos), from_)
         for j in range(from_, to):
             self.weigh(j, x, v)
-        system.wait_for_team()
+        if any_deep:
+            system.wait_for_team()
         for j in range(from_, to):
             self.push[j], self.turn[j] = self.all_pushes(j)
-        system.wait_for_team()
+        if any_deep:
+            system.wait_for_team()
         for i in range(first, ti.select(any_deep, last, first)):
             j = self.jello[i]
             push = self.push[j] + self.turn[j].cross(x[i] - self.centre[j])
