@@ -162,3 +162,79 @@ def test_a_ball_that_melts_does_not_leave_its_inside_in_the_ground():
     # The springs of contact carry one particle's weight, at most all that lie upon each other in a column.
     static = 9.81 * body.mass.max() * 6 / simulation.scene.contact.stiffness
     assert x[body.inside, 1].min() > -10.0 * static and body.skin_points(x)[:, 1].min() > -10.0 * static
+
+
+WEAK = {"mass": 1.0, "stiffness": 200.0, "damping": 0.25}
+SLABS = [
+    Box(points=(3, 6, 6), size=(0.03, 0.1, 0.1), **WEAK),
+    Box(points=(3, 6, 6), size=(0.03, 0.1, 0.1), position=(-0.3, 0.007, 0.005), velocity=(20.0, 0.0, 0.0), **WEAK),
+]
+
+
+@pytest.mark.parametrize("method", ["rk4", "backward-euler", "xpbd"])
+@pytest.mark.parametrize("shape", ["box", "ball", "slab"])
+def test_what_is_too_weak_for_its_own_speed_does_not_pass(shape, method):
+    """1 kg of 0.1 m at 20 m/s: no spring within holds half of that energy. They came on through their own fronts."""
+    if shape == "slab" and method == "backward-euler":
+        method = "bdf2"  # a slab's fate after the impact is decided by how it was crushed
+    made = {
+        "box": lambda **k: Box(points=(6, 6, 6), size=(0.1, 0.1, 0.1), **k),
+        "ball": lambda **k: Ball(radius=0.05, resolution=6, **k),
+        "slab": lambda **k: Box(points=(3, 6, 6), size=(0.03, 0.1, 0.1), **k),
+    }[shape]
+    jello = [made(**WEAK), made(position=(-0.3, 0.007, 0.005), velocity=(20.0, 0.0, 0.0), **WEAK)]
+    simulation = Simulation(Scene(**WEIGHTLESS, jello=jello), method=method)
+    energy = sum(simulation.energies().values())
+    for _ in range(12):
+        simulation.frame()
+        still, moving = middles(simulation)
+        assert moving[0] < still[0]
+    # What two equal masses keep of their energy when they stick to each other is a half.
+    assert 0.48 * energy < sum(simulation.energies().values()) < 0.7 * energy
+
+
+def test_the_brake_keeps_momentum_and_angular_momentum_and_its_work_is_booked():
+    simulation = Simulation(Scene(**WEIGHTLESS, jello=SLABS), method="rk4", ledger=True)
+    body, first = simulation.body, simulation.body.jello == 0
+
+    def momenta():
+        x, v = simulation.x.astype(float), simulation.v.astype(float)
+        return body.mass @ v, np.einsum("n,nd->d", body.mass, np.cross(x, v))
+
+    before, energy, lost, braked = momenta(), sum(simulation.energies().values()), 0.0, 0
+    touch = next(force for force in simulation.system.all_forces if force.title == "touch")
+    for _ in range(40):
+        work = simulation.work["impacts"]
+        simulation.step()
+        assert simulation.work["impacts"] <= work + 1e-6  # it only takes
+        braked += simulation.work["impacts"] < work
+        lost = simulation.work["impacts"]
+    after = momenta()
+    assert braked > 0 and lost < -0.3 * energy
+    assert abs(simulation.energy_residual) < 0.02 * energy
+    assert after[0] == pytest.approx(before[0], abs=20.0 * 1e-6)
+    # Contact's friction and dashpots act on a point and on a surface as deep as it has come in, 0.03 m at the most.
+    assert after[1] == pytest.approx(before[1], abs=20.0 * 0.03 * 0.05)
+    assert touch.brake.jellos == 2 and simulation.v[first, 0].mean() > 5.0
+
+
+def test_the_brake_alone_makes_two_stick_and_turn_as_one():
+    """A pair that comes at each other beside the line through both centres: what is left of the motion is the rigid one
+    that has the same momentum and angular momentum (two rigid balls that stick, in closed form)."""
+    balls = [Ball(radius=0.5, resolution=6), Ball(radius=0.5, resolution=6, position=(3.0, 0.0, 0.0))]
+    simulation = Simulation(Scene(**WEIGHTLESS, jello=balls), method="rk4")
+    body, first = simulation.body, simulation.body.jello == 0
+    x = body.x - np.where(first[:, None], [0.0, 0.0, 0.0], [2.3, -0.4, 0.0])
+    v = np.where(first[:, None], [2.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    simulation.restore(Snapshot(0.0, x, v))
+    pushed(simulation.system)
+    v = simulation.x * 0.0 + now(simulation.system)
+    mass, centre = body.mass, np.average(x, axis=0, weights=body.mass)
+    arm = x - centre
+    inertia = np.einsum(
+        "n,nij->ij", mass, np.einsum("nk,nk->n", arm, arm)[:, None, None] * np.eye(3) - arm[:, :, None] * arm[:, None]
+    )
+    spin = np.linalg.solve(
+        inertia, np.einsum("n,nd->d", mass, np.cross(arm, np.where(first[:, None], [2.0, 0.0, 0.0], 0.0)))
+    )
+    assert v == pytest.approx(np.array([1.0, 0.0, 0.0]) + np.cross(spin, arm), abs=1e-5)
