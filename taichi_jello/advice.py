@@ -61,6 +61,7 @@ def on_start(scene: Scene, body: Body, v: np.ndarray) -> None:
     before, after = (
         np.stack([np.bincount(body.jello, body.mass * u[:, axis]) / mass for axis in range(3)], 1) for u in (body.v, v)
     )
+    gained += 2.0 * float(np.linalg.norm(before, axis=1).max())  # what the fastest one can give to a light one
     leap = np.linalg.norm(after, axis=1) - np.linalg.norm(before, axis=1)
     for j in np.setdiff1d(np.flatnonzero(leap > gained), body.jello[body.pinned]):
         warnings.warn(

