@@ -47,12 +47,13 @@ class Tangles:
         self.edges = surface_edges(touching)
         if self.has_sheets:
             self.ends = memory.table(title, "edges", self.edges)
-        self.kind = memory.table(title, "what can hold", np.where(touching.bent, BENT, touching.convex.astype(int)))
         self.beside = memory.zeros(title, "jellos to leave", (self.count,), whole=True)
         self.soft = memory.table(title, "softness", np.ones(self.count))
         self.way = memory.zeros(title, "ways to leave them", (self.count, 3))
-        self.deep = memory.zeros(title, "any so deep that it may be held", (1,), whole=True)
-        self.looked = False  # at `deep` for the frame that has just begun
+        if self.has_bent:
+            self.kind = memory.table(title, "what can hold", np.where(touching.bent, BENT, touching.convex.astype(int)))
+            self.deep = memory.zeros(title, "any so deep that it may be held", (1,), whole=True)
+            self.looked = False  # at `deep` for the frame that has just begun
         self.number = memory.number
         self.now = self._none()
 
@@ -75,11 +76,12 @@ class Tangles:
         if all(name in memory and memory[name].shape == none.shape for name, none in zip(NAMES, values, strict=True)):
             values = memory[NAMES[0]], memory[NAMES[1]], memory[NAMES[2]]
         self._put(*values, start)
-        self.deep[0] = int(HELD in memory)
+        if self.has_bent:
+            self.deep[0] = int(HELD in memory)
 
     def begin(self) -> None:
         """The first step of a frame follows."""
-        if self.looked and self.has_bent:
+        if self.has_bent and self.looked:
             self.deep[0], self.looked = 0, False
 
     def _put(self, cut: np.ndarray, beside: np.ndarray, way: np.ndarray, start: float) -> None:
