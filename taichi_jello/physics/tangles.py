@@ -44,9 +44,11 @@ class Tangles:
         self.body, self.near, self.jellos, self.count = body, near, near.jellos, near.count
         self.whose, self.owner = body.jello[touching.points], body.jello[touching.nodes[:, 0]]
         self.has_sheets, self.has_bent = touching.has_sheets, touching.has_bent
-        self.edges = surface_edges(touching)
+        edges = surface_edges(touching)
+        self.edges = edges[~touching.loose[self.whose[edges[:, 0]]]]
         if self.has_sheets:
             self.ends = memory.table(title, "edges", self.edges)
+            self.sheet = memory.table(title, "sheets", touching.sheet.astype(np.int32))
         self.beside = memory.zeros(title, "jellos to leave", (self.count,), whole=True)
         self.soft = memory.table(title, "softness", np.ones(self.count))
         self.way = memory.zeros(title, "ways to leave them", (self.count, 3))
@@ -77,7 +79,7 @@ class Tangles:
             values = memory[NAMES[0]], memory[NAMES[1]], memory[NAMES[2]]
         self._put(*values, start)
         if self.has_bent:
-            self.deep[0] = int(HELD in memory)
+            self.deep[0], self.looked = int(HELD in memory), False
 
     def begin(self) -> None:
         """The first step of a frame follows."""
@@ -244,7 +246,7 @@ class Tangles:
             k += 1
             since = -self.near.clock[0] * self.near.drift[b]
             inside = meet(self.near.hull[b], ti.min(p, q) - since, ti.max(p, q) - since)
-            if a != b and self.near.radius[b] > 0.0 and inside:
+            if a != b and self.sheet[b] == 1 and inside:
                 hit = self._hit_in(b, p, q, x)
         return hit
 

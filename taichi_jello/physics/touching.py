@@ -30,7 +30,7 @@ class Touching:
     radius (J,) [m] of each jello, zero for solid ones; spacing (J,) [m] between its points.
     thick (C,) [m]: how thick the undeformed body is around each cell; thickness (J,) [m]: the way through each jello,
     through half of its cells if it is not convex, THIN times the radius of a thin one; convex (J,) bool: and stays so;
-    bent (J,): solid ones that are not, and keep their shape;
+    bent (J,): solid ones that are not, and keep their shape; sheet (J,): sheets that do; loose (J,): see law.loose;
     hearts (J, 8): the corners of the cell in the middle of each solid one.
     """
 
@@ -52,6 +52,8 @@ class Touching:
     thickness: np.ndarray
     convex: np.ndarray
     bent: np.ndarray
+    sheet: np.ndarray
+    loose: np.ndarray
     hearts: np.ndarray
 
     @classmethod
@@ -122,14 +124,15 @@ class Touching:
             thickness=thickness,
             convex=is_convex & ~loose,
             bent=is_solid & ~is_convex & ~loose,
+            sheet=is_sheet & ~loose,
+            loose=loose,
             hearts=hearts(body.rest, body.cells, holder, jellos),
         )
 
     @property
     def has_sheets(self) -> bool:
-        """Whether something can go through a sheet of another jello."""
-        sheets = self.nodes[self.solid :]
-        return len(self.radius) > 1 and bool(np.any(sheets[:, 1] != sheets[:, 2]))
+        """Whether something can go through a sheet of another jello; what may melt or tear is left out."""
+        return bool(self.sheet.any()) and int(np.sum(~self.loose)) > 1
 
     @property
     def has_bent(self) -> bool:
