@@ -115,6 +115,7 @@ class Tangles:
         self.looked = True
         if not self.deep[0]:
             return False
+        self.beside.fill(0)  # by the nearest faces
         system.find_touched()
         return self._press(system, contacts, touched) > 0
 
