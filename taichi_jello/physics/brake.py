@@ -9,10 +9,9 @@ momentum about each other then asks for: momentum and angular momentum stay as t
 import numpy as np
 import taichi as ti
 
-from taichi_jello.body import Body
 from taichi_jello.physics.boxes import TINY
+from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.state import Memory
-from taichi_jello.physics.touching import Touching
 
 SLIM = 1e-4  # of a round body's inertia and mass: what has less does not turn
 
@@ -22,12 +21,10 @@ class Brake:
     """deep[J a + b]: whether one of the jellos a and b is in a core of the other one; any[0]: whether any is. Those
     that may melt or tear, and thin ones, are not braked."""
 
-    def __init__(self, title: str, body: Body, memory: Memory, touching: Touching):
-        self.jellos = J = len(touching.radius)
+    def __init__(self, title: str, memory: Memory, near: Neighbours):
+        self.near, self.jellos = near, near.jellos
+        J, touching = near.jellos, near.touching
         self.firm = memory.table(title, "firm jellos", (touching.convex | touching.bent).astype(np.int32))
-        self.jello = memory.table(title, "jello of each particle", body.jello)
-        self.free = memory.table(title, "masses if free", np.where(body.pinned, 0.0, body.mass))
-        self.starts = memory.table(title, "first particle of each jello", np.searchsorted(body.jello, np.arange(J + 1)))
         self.deep = memory.zeros(title, "pairs in a core", (J * J,), whole=True)
         self.any = memory.zeros(title, "any in a core", (1,), whole=True)
         names = ("centres", "speeds", "spins", "pushes", "turns")
@@ -61,7 +58,7 @@ class Brake:
         from_ = system.share_of(first, self.jellos)
         to = ti.select(any_deep, system.share_of(last, self.jellos), from_)
         for j in range(from_, to):
-            self.weigh(j, x, v)
+            self.weigh(system, j, x, v)
         if any_deep:
             system.wait_for_team()
         for j in range(from_, to):
@@ -69,33 +66,39 @@ class Brake:
         if any_deep:
             system.wait_for_team()
         for i in range(first, ti.select(any_deep, last, first)):
-            j = self.jello[i]
+            j, m = self.near.jello[i], self.free(system, i)
             push = self.push[j] + self.turn[j].cross(x[i] - self.centre[j])
-            if self.free[i] > 0.0 and push.norm_sqr() > 0.0:
+            if m > 0.0 and push.norm_sqr() > 0.0:
                 if ti.static(system.books):
-                    work = self.free[i] * push.dot(v[i] + 0.5 * push)
+                    work = m * push.dot(v[i] + 0.5 * push)
                     column = ti.static(system.ledger.impacts)
                     system.ledger.work[i][column] = system.ledger.work[i][column] + work
                 v[i] = v[i] + push
 
     @ti.func
-    def weigh(self, j, x, v):
+    def free(self, system, i):
+        """The mass [kg] of particle i if it can move, else 0."""
+        return ti.select(system.particles.inverse_mass(i) > 0.0, system.particles.mass(i), 0.0)
+
+    @ti.func
+    def weigh(self, system, j, x, v):
         """The mass, centre, speed, inertia and angular momentum of what is free of jello j, and how many others brake
         it."""
         mass, centre, speed, pairs = ti.cast(0.0, float), 0.0 * x[0], 0.0 * v[0], ti.cast(0.0, float)
         for k in range(self.jellos):
             pairs += ti.cast(self.deep[j * self.jellos + k], float)
         if pairs > 0.0:
-            for i in range(self.starts[j], self.starts[j + 1]):
-                mass += self.free[i]
-                centre += self.free[i] * x[i]
-                speed += self.free[i] * v[i]
+            for i in range(self.near.first[j], self.near.first[j + 1]):
+                m = self.free(system, i)
+                mass += m
+                centre += m * x[i]
+                speed += m * v[i]
             centre, speed = centre / ti.max(mass, TINY), speed / ti.max(mass, TINY)
             inertia, spin = ti.Matrix.zero(float, 3, 3), 0.0 * v[0]
-            for i in range(self.starts[j], self.starts[j + 1]):
-                arm = x[i] - centre
-                inertia += self.free[i] * lever(arm)
-                spin += self.free[i] * arm.cross(v[i] - speed)
+            for i in range(self.near.first[j], self.near.first[j + 1]):
+                arm, m = x[i] - centre, self.free(system, i)
+                inertia += m * lever(arm)
+                spin += m * arm.cross(v[i] - speed)
             for k in ti.static(range(9)):
                 self.inertia[j][k] = inertia[k // 3, k % 3]
             self.centre[j], self.speed[j], self.spin[j] = centre, speed, spin

@@ -60,7 +60,7 @@ class Contacts:
         self.can_tangle = others and (touching.has_sheets or touching.has_bent)
         self.tangles = Tangles(title, body, memory, self.near) if self.can_tangle else None
         self.can_brake = others and int(np.sum(touching.convex | touching.bent)) > 1
-        self.brake = Brake(title, body, memory, touching) if self.can_brake else None
+        self.brake = Brake(title, memory, self.near) if self.can_brake else None
         if self.has_solid:
             self.inside = Inside(title, memory, self.near, self.there, self.place)
             self.exits = Exits(title, memory, self.near, self.there, self.place, self.tangles)
