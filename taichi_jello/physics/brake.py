@@ -2,8 +2,8 @@
 
 Springs of contact, however hard, stop only what touches. Where the springs behind that hold less energy than what comes
 has, the rest comes on through its own stopped front. So while points of one solid are in the core of another one, the
-two lose of the speed at which they come at each other, as in an inelastic impact, and turn together as much as their
-momentum about each other then asks for: momentum and angular momentum stay as they are, energy only falls.
+two lose the speed at which they come at each other, as in an impact that is almost inelastic, and turn together as much
+as their momentum about each other then asks for: momentum and angular momentum stay as they are, energy only falls.
 """
 
 import numpy as np
@@ -13,6 +13,7 @@ from taichi_jello.physics.boxes import TINY
 from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.state import Memory
 
+BOUNCE = 0.1  # of the speed at which they came: with none, what was crushed may come apart on the other side
 SLIM = 1e-4  # of a round body's inertia and mass: what has less does not turn
 
 
@@ -139,7 +140,7 @@ class Brake:
         momentum = self.spin[j] + self.spin[k] + reduced * way.cross(speed)
         along = reduced * speed.norm() + whirl.dot(momentum)
         weight = reduced + whirl.dot(arm)
-        amount = -ti.max(0.0, along) / ti.max(weight, SLIM * reduced)
+        amount = -(1.0 + BOUNCE) * ti.max(0.0, along) / ti.max(weight, SLIM * reduced)
         return amount * b / (a + b) * d, amount * whirl
 
 
