@@ -14,18 +14,20 @@ from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.state import Memory
 
 BOUNCE = 0.1  # of the speed at which they came: with none, what was crushed may come apart on the other side
+SHEET = 2  # of sheets, 1 of solids, 0 of others
 SLIM = 1e-4  # of a round body's inertia and mass: what has less does not turn
 
 
 @ti.data_oriented
 class Brake:
-    """deep[J a + b]: whether one of the jellos a and b is in a core of the other one; any[0]: whether any is. Those
-    that may melt or tear, and thin ones, are not braked."""
+    """deep[J a + b]: whether one of the jellos a and b is in a core of the other one; any[0]: whether any is. Solids
+    brake each other, and sheets do; ropes, and what may melt or tear, are not braked."""
 
     def __init__(self, title: str, memory: Memory, near: Neighbours):
         self.near, self.jellos = near, near.jellos
         J, touching = near.jellos, near.touching
-        self.firm = memory.table(title, "firm jellos", (touching.convex | touching.bent).astype(np.int32))
+        firm = touching.convex | touching.bent
+        self.kind = memory.table(title, "kinds of jellos", firm + SHEET * touching.sheet.astype(np.int32))
         self.deep = memory.zeros(title, "pairs in a core", (J * J,), whole=True)
         self.any = memory.zeros(title, "any in a core", (1,), whole=True)
         names = ("centres", "speeds", "spins", "pushes", "turns")
@@ -47,7 +49,7 @@ class Brake:
     @ti.func
     def notice(self, a, b):
         """Jello a has a point in a core of jello b."""
-        if a != b and self.firm[a] == 1 and self.firm[b] == 1:
+        if a != b and self.kind[a] == self.kind[b] and self.kind[a] > 0:
             self.deep[a * self.jellos + b] = self.deep[b * self.jellos + a] = self.any[0] = 1
 
     @ti.func

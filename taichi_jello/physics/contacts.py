@@ -59,7 +59,7 @@ class Contacts:
         self.place = memory.zeros(title, "places", (self.points, 3))
         self.can_tangle = others and (touching.has_sheets or touching.has_bent)
         self.tangles = Tangles(title, body, memory, self.near) if self.can_tangle else None
-        self.can_brake = others and int(np.sum(touching.convex | touching.bent)) > 1
+        self.can_brake = others and max(int(np.sum(touching.convex | touching.bent)), int(np.sum(touching.sheet))) > 1
         self.brake = Brake(title, memory, self.near) if self.can_brake else None
         if self.has_solid:
             self.inside = Inside(title, memory, self.near, self.there, self.place)
@@ -216,6 +216,10 @@ class Contacts:
             self.apart[contact] = apart
             if not solid:
                 self.core[contact], self.share[contact] = 2.0 * CORE * apart, 1.0
+                if ti.static(self.can_brake):  # noqa: SIM102 - decided when it is compiled
+                    if apart - distance > self.core[contact]:
+                        i, j = self.near.points[q], self.near.points[corners[0]]
+                        self.brake.notice(self.near.jello[i], self.near.jello[j])
                 if ti.static(self.can_tangle and self.near.touching.has_sheets):
                     other = self.near.jello[self.near.points[corners[0]]]
                     n, self.share[contact] = self.tangles.turned(q, other, n, distance, apart)

@@ -175,7 +175,8 @@ SLABS = [
 
 @pytest.mark.parametrize(
     "shape, method",
-    [(shape, method) for shape in ("box", "ball", "slab") for method in ("rk4", "backward-euler", "xpbd")],
+    [(shape, method) for shape in ("box", "ball", "slab") for method in ("rk4", "backward-euler", "xpbd")]
+    + [("sheet", "rk4")],
 )
 def test_what_is_too_weak_for_its_own_speed_does_not_pass(shape, method):
     """1 kg of 0.1 m at 20 m/s; what came after passed through the front that contact had stopped."""
@@ -183,6 +184,7 @@ def test_what_is_too_weak_for_its_own_speed_does_not_pass(shape, method):
         "box": lambda **k: Box(points=(6, 6, 6), size=(0.1, 0.1, 0.1), **k),
         "ball": lambda **k: Ball(radius=0.05, resolution=6, **k),
         "slab": lambda **k: Box(points=(3, 6, 6), size=(0.03, 0.1, 0.1), **k),
+        "sheet": lambda **k: Sheet(points=(9, 9), size=(0.1, 0.1), rotation=(0.0, 0.0, 90.0), **k),
     }[shape]
     jello = [made(**WEAK), made(position=(-0.3, 0.007, 0.005), velocity=(20.0, 0.0, 0.0), **WEAK)]
     simulation = Simulation(Scene(**WEIGHTLESS, jello=jello), method=method)
