@@ -73,9 +73,7 @@ class Brake:
             push = self.push[j] + self.turn[j].cross(x[i] - self.centre[j])
             if m > 0.0 and push.norm_sqr() > 0.0:
                 if ti.static(system.books):
-                    work = m * push.dot(v[i] + 0.5 * push)
-                    column = ti.static(system.ledger.impacts)
-                    system.ledger.work[i][column] = system.ledger.work[i][column] + work
+                    system.ledger.book_impact(i, m, v[i], push)
                 v[i] = v[i] + push
 
     @ti.func
@@ -136,9 +134,10 @@ class Brake:
                 inertia[r, c] += self.inertia[j][3 * r + c] + self.inertia[k][3 * r + c]
         arm = reduced * way.cross(d)
         whirl = ti.Vector([0.0, 0.0, 0.0])
-        size = inertia.trace()
-        if (inertia / ti.max(size, TINY)).determinant() > SLIM:
-            whirl = -(size * (inertia / size)).inverse() @ arm
+        size = ti.max(inertia.trace(), TINY)
+        inertia /= size
+        if inertia.determinant() > SLIM:
+            whirl = -(inertia.inverse() @ arm) / size
         momentum = self.spin[j] + self.spin[k] + reduced * way.cross(speed)
         along = reduced * speed.norm() + whirl.dot(momentum)
         weight = reduced + whirl.dot(arm)

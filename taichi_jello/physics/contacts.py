@@ -14,10 +14,9 @@ from taichi_jello.physics.exits import Exits
 from taichi_jello.physics.inside import AT_HAND, Inside
 from taichi_jello.physics.neighbours import ROW, Neighbours
 from taichi_jello.physics.tangles import DEEP, Tangles
-from taichi_jello.physics.touching import FAR, Touching
+from taichi_jello.physics.touching import AT_ONCE, FAR, Touching
 from taichi_jello.torn import still_there
 
-AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and left out
 SLOTS = 16  # contacts of a point that are listed; if it has more, all contacts are looked through
 TINY = 1e-9  # m
 UP, SIDEWAYS = ti.Vector([0.0, 1.0, 0.0]), ti.Vector([1.0, 0.0, 0.0])
@@ -209,20 +208,17 @@ class Contacts:
         if ti.static(self.has_thin):
             apart = ti.cast(0.0, float)
             if not solid:
-                i, j = self.near.points[q], self.near.points[corners[0]]
-                apart = self.near.radius[self.near.jello[i]] + self.near.radius[self.near.jello[j]]
+                own, other = self.near.jello[self.near.points[q]], self.near.jello[self.near.points[corners[0]]]
+                apart = self.near.radius[own] + self.near.radius[other]
                 approach = ti.abs(self.difference(q, corners, weights, v).dot(n))
                 touches = distance < apart + ahead * approach
-            self.apart[contact] = apart
-            if not solid:
                 self.core[contact], self.share[contact] = 2.0 * CORE * apart, 1.0
                 if ti.static(self.can_brake):  # noqa: SIM102 - decided when it is compiled
                     if apart - distance > self.core[contact]:
-                        i, j = self.near.points[q], self.near.points[corners[0]]
-                        self.brake.notice(self.near.jello[i], self.near.jello[j])
+                        self.brake.notice(own, other)
                 if ti.static(self.can_tangle and self.near.touching.has_sheets):
-                    other = self.near.jello[self.near.points[corners[0]]]
                     n, self.share[contact] = self.tangles.turned(q, other, n, distance, apart)
+            self.apart[contact] = apart
         if touches:
             self.corners[contact], self.weights[contact], self.normal[contact] = corners, weights, n
         return touches

@@ -78,6 +78,11 @@ class Ledger:
                     self.work[i][column] = self.work[i][column] - weight * against.dot(v[i])
         system.wait_for_team()  # until nobody needs x and v any more
 
+    @ti.func
+    def book_impact(self, i, mass, v, push):
+        """Add the work on particle i, which moved at v, of an impact that changed that by `push` at once."""
+        self.work[i][self.impacts] = self.work[i][self.impacts] + mass * push.dot(v + 0.5 * push)
+
     @ti.kernel
     def _take(self, out: ti.types.ndarray()):
         for i in range(self.count):

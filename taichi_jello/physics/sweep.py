@@ -89,8 +89,7 @@ class Sweep:
                 back = ((1.0 - hit[3]) * depth + ti.max((1.0 - SHORT) * hit[3] * depth, GAP * self.depth)) * n
                 push = -ti.min(0.0, (v[i] - u).dot(n)) * n
                 if ti.static(system.books):
-                    work = self.particles.mass(i) * push.dot(v[i] + 0.5 * push)
-                    system.ledger.work[i][system.ledger.impacts] = system.ledger.work[i][system.ledger.impacts] + work
+                    system.ledger.book_impact(i, self.particles.mass(i), v[i], push)
                 v[i] = v[i] + push
                 self.met[0] = 1
                 if ti.static(self.whole):

@@ -20,6 +20,7 @@ from taichi_jello.physics.crossed import clusters, hold_each_other, way_apart
 from taichi_jello.physics.cuts import pierced, right_side, surface_edges
 from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.state import Memory
+from taichi_jello.physics.touching import AT_ONCE
 
 SOFT = 0.05  # times as hard as usual is contact around a cut
 FIRM = 0.1  # s in which it grows e times harder again when the cut is gone
@@ -28,7 +29,6 @@ AROUND = 2.0  # distances between the points: how far from a cut that is
 BEYOND = 2.0  # times as far as contacts reach: how far from their middle what holds each other is
 DEEP = 0.3  # of the way to a core: as deep as what holds each other is
 BENT = 2  # of solids that are not convex, 1 of convex ones, 0 of others
-AT_ONCE = 2
 NEVER = -1e30  # s
 TANGLE = "tangle_"  # begins their names in a snapshot's memory
 HELD, NAMES = f"{TANGLE}held", tuple(f"{TANGLE}{name}" for name in ("time", "beside", "way"))
@@ -44,13 +44,13 @@ class Tangles:
         self.body, self.near, self.jellos, self.count = body, near, near.jellos, near.count
         self.whose, self.owner = body.jello[touching.points], body.jello[touching.nodes[:, 0]]
         self.has_sheets, self.has_bent = touching.has_sheets, touching.has_bent
-        edges = surface_edges(touching)
-        self.edges = edges[~touching.loose[self.whose[edges[:, 0]]]]
         if self.has_sheets:
+            edges = surface_edges(touching)
+            self.edges = edges[~touching.loose[self.whose[edges[:, 0]]]]
+            self.soft = memory.table(title, "softness", np.ones(self.count))
             self.ends = memory.table(title, "edges", self.edges)
             self.sheet = memory.table(title, "sheets", touching.sheet.astype(np.int32))
         self.beside = memory.zeros(title, "jellos to leave", (self.count,), whole=True)
-        self.soft = memory.table(title, "softness", np.ones(self.count))
         self.way = memory.zeros(title, "ways to leave them", (self.count, 3))
         if self.has_bent:
             self.kind = memory.table(title, "what can hold", np.where(touching.bent, BENT, touching.convex.astype(int)))
@@ -90,47 +90,53 @@ class Tangles:
         with np.errstate(over="ignore"):
             soft = np.clip(SOFT * np.exp((start - cut) / FIRM), SOFT, 1.0)
         self.now = np.where(soft < 1.0, cut, NEVER), beside, way
-        self.soft.from_numpy(soft.astype(self.number))
+        if self.has_sheets:
+            self.soft.from_numpy(soft.astype(self.number))
         self.beside.from_numpy(beside.astype(np.int32))
         self.way.from_numpy(way.astype(self.number))
 
     def look_over(self, system: Any, contacts: Any, x: np.ndarray, start: float) -> None:
         """Find what holds what as the frame begins, at `start` [s], with the particles at x (N, 3) [m]."""
-        hits, touched = np.full(len(self.edges), -1, np.int32), np.zeros((len(self.whose), 2, 6), self.number)
-        crossed = self.has_sheets and self._cross(system, hits) > 0
-        held = self.has_bent and self._held(system, contacts, touched)
-        if crossed or held or self.tangled:
+        hits = self._crossed(system) if self.has_sheets else None
+        touched = self._held(system, contacts) if self.has_bent else None
+        if hits is not None or touched is not None or self.tangled:
             cut, beside, way = self.now[0].copy(), *self._none()[1:]
             touching = self.near.touching
             place = np.concatenate([x[touching.points[: touching.bare]], self.body.skin_points(x)]).astype(float)
-            if held:
-                self._part_solids(x, place, touched.reshape(-1, 6), beside, way)
-            if crossed:
+            if touched is not None:
+                self._part_solids(x, place, touched, beside, way)
+            if hits is not None:
                 self._part_sheets(x, place, hits, cut, beside, way, start)
             self._put(cut, beside, way, start)
 
-    def _held(self, system, contacts, touched) -> bool:
-        """Whether anything is, and was in the last frame, deep in a solid that may hold it; tells all contacts of such
-        pairs, see _press."""
+    def _crossed(self, system) -> np.ndarray | None:
+        """(E,) the elements that the edges go through, see _cross; None if none does."""
+        hits = np.empty(len(self.edges), np.int32)
+        return hits if self._cross(system, hits) else None
+
+    def _held(self, system, contacts) -> np.ndarray | None:
+        """(AT_ONCE Q, 6) the contacts of solids that may hold each other, see _press; None if none is deep, now or in
+        the last frame."""
         self.looked = True
         if not self.deep[0]:
-            return False
+            return None
         self.beside.fill(0)  # by the nearest faces
         system.find_touched()
-        return self._press(system, contacts, touched) > 0
+        touched = np.zeros((self.count, AT_ONCE, 6), self.number)
+        return touched.reshape(-1, 6) if self._press(system, contacts, touched) else None
 
     def _part_solids(self, x, place, touched, beside, way) -> None:
         """Fill in the ways of what holds each other."""
         found, spacing = np.flatnonzero(touched[:, 5]), self.near.touching.spacing
-        pair = np.sort(np.stack([self.whose[found // 2], touched[found, 5].astype(int) - 1], 1), 1)
+        pair = np.sort(np.stack([self.whose[found // AT_ONCE], touched[found, 5].astype(int) - 1], 1), 1)
         for a, b in np.unique(pair, axis=0):
             own = found[(pair == (a, b)).all(1)]
-            normal = np.where(self.whose[own // 2, None] == a, 1.0, -1.0) * touched[own, :3]
-            label = clusters(place[own // 2], 1.5 * max(spacing[a], spacing[b]))
+            normal = np.where(self.whose[own // AT_ONCE, None] == a, 1.0, -1.0) * touched[own, :3]
+            label = clusters(place[own // AT_ONCE], 1.5 * max(spacing[a], spacing[b]))
             for number in np.unique(label):
                 here = label == number
                 if hold_each_other(normal[here], *touched[own[here], 3:5].T):
-                    where = place[own[here] // 2]
+                    where = place[own[here] // AT_ONCE]
                     middle = where.mean(0)
                     reach = BEYOND * np.linalg.norm(where - middle, axis=1).max()
                     one, other = (x[(self.body.jello == j) & self._near(x, middle, reach)] for j in (a, b))
@@ -156,10 +162,8 @@ class Tangles:
             for one, other in (both, both[::-1]):
                 own = np.flatnonzero((pair == (one, other)).all(1))
                 if len(own):
-                    points, edges = (
-                        np.flatnonzero(self.whose == one),
-                        np.flatnonzero(self.whose[self.edges[:, 0]] == one),
-                    )
+                    points = np.flatnonzero(self.whose == one)
+                    edges = np.flatnonzero(self.whose[self.edges[:, 0]] == one)
                     side = right_side(
                         place[points],
                         np.searchsorted(points, self.edges[edges]),

@@ -9,6 +9,7 @@ from taichi_jello.physics.cores import convex, hearts, thicknesses
 from taichi_jello.physics.forces.skin_contact import shares
 
 FAR = 1e30  # m
+AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and left out
 HALVES = np.array([[0, 1, 3], [0, 2, 3]])  # of a face, by the corners of FACES
 FACES = np.array([[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 4, 5], [2, 3, 6, 7], [0, 2, 4, 6], [1, 3, 5, 7]])
 THIN = 8.0  # times its radius, what a thin body is as thick as: an eighth of that may be passed in a step

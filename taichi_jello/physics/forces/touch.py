@@ -15,10 +15,11 @@ import taichi as ti
 
 from taichi_jello.law import loose
 from taichi_jello.physics.approach import Approach
-from taichi_jello.physics.contacts import AT_ONCE, LOAD, Contacts
+from taichi_jello.physics.contacts import LOAD, Contacts
 from taichi_jello.physics.forces._base import ParticleForce, Rates, block, cut, even_block
 from taichi_jello.physics.forces.contact import ContactLaw, pressure, rub
 from taichi_jello.physics.forces.skin_contact import SkinContact
+from taichi_jello.physics.touching import AT_ONCE
 from taichi_jello.runtime import RuntimeProblem
 
 STOP = 0.25  # of the mass over the step, what an explicit step stands of a dashpot where little else damps
