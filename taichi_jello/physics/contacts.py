@@ -56,10 +56,13 @@ class Contacts:
             self.holds = table("elements not parted", np.ones(len(touching.nodes), np.int32))
         self.there = memory.zeros(title, "x looked at", (memory.particles, 3))
         self.place = memory.zeros(title, "places", (self.points, 3))
-        self.can_tangle = others and (touching.has_sheets or touching.has_bent)
+        self.can_tangle = others and (touching.has_sheets or touching.has_bent or touching.has_threads)
         self.tangles = Tangles(title, body, memory, self.near) if self.can_tangle else None
         self.can_brake = others and max(int(np.sum(touching.convex | touching.bent)), int(np.sum(touching.sheet))) > 1
         self.brake = Brake(title, memory, self.near) if self.can_brake else None
+        self.can_thread = others and touching.has_threads
+        if self.can_thread:
+            self.is_rope = table("ropes", touching.rope.astype(np.int32))
         if self.has_solid:
             self.inside = Inside(title, memory, self.near, self.there, self.place)
             self.exits = Exits(title, memory, self.near, self.there, self.place, self.tangles)
@@ -154,15 +157,14 @@ class Contacts:
                 if best < FAR:
                     contact = q * AT_ONCE + met
                     self.core[contact], self.share[contact] = self.exits.core[e], counts
-                    self.tell(q, e, best)
+                    self.tell(self.near.jello[self.near.points[q]], self.near.owner[e], best, self.exits.core[e])
                     met += self.note(q, met, corners, weights, best, True, v, ahead)
                     done = self.near.owner[e]
         return met
 
     @ti.func
-    def tell(self, q, e, depth):
-        """Have brake and tangles know of a point that is `depth` [m] in cell e."""
-        a, b, core = self.near.jello[self.near.points[q]], self.near.owner[e], self.exits.core[e]
+    def tell(self, a, b, depth, core):
+        """Have brake and tangles know of a point of jello a that is `depth` [m] in b, which has its core there."""
         if ti.static(self.can_brake):  # noqa: SIM102 - decided when it is compiled
             if depth > core:
                 self.brake.notice(a, b)
@@ -213,10 +215,8 @@ class Contacts:
                 approach = ti.abs(self.difference(q, corners, weights, v).dot(n))
                 touches = distance < apart + ahead * approach
                 self.core[contact], self.share[contact] = 2.0 * CORE * apart, 1.0
-                if ti.static(self.can_brake):  # noqa: SIM102 - decided when it is compiled
-                    if apart - distance > self.core[contact]:
-                        self.brake.notice(own, other)
-                if ti.static(self.can_tangle and self.near.touching.has_sheets):
+                self.tell(own, other, apart - distance, self.core[contact])
+                if ti.static(self.can_tangle):
                     n, self.share[contact] = self.tangles.turned(q, other, n, distance, apart)
             self.apart[contact] = apart
         if touches:
@@ -272,11 +272,33 @@ class Contacts:
     def settle(self, q):
         """A contact counts for less where more press on one of its points than may with full stiffness."""
         for contact in range(q * AT_ONCE, q * AT_ONCE + self.own[q]):
+            if ti.static(self.can_thread):  # noqa: SIM102 - decided when it is compiled
+                if (
+                    self.apart[contact] > 0.0
+                    and self.is_rope[self.near.jello[self.near.points[self.corners[contact][0]]]]
+                ):
+                    self.side_with(contact, q)
             most = ti.max(self.load[q], LOAD)
             for k in ti.static(range(3)):
                 if self.weights[contact][k] > 0.0:
                     most = ti.max(most, self.load[self.corners[contact][k]])
             self.share[contact] = self.share[contact] * (LOAD / most)
+
+    @ti.func
+    def side_with(self, contact, q):
+        """A rope in a solid leaves it as its own points do: the solid's point q, which may be on either side of it, is
+        not to push it farther in. See Tangles.turned."""
+        n, way = self.normal[contact], ti.Vector([0.0, 0.0, 0.0])
+        for k in ti.static(range(2)):
+            r = self.corners[contact][k]
+            for its in range(r * AT_ONCE, r * AT_ONCE + self.own[r]):
+                other = self.near.jello[self.near.points[self.corners[its][0]]]
+                if self.apart[its] == 0.0 and other == self.near.jello[self.near.points[q]]:
+                    way += self.weights[contact][k] * self.normal[its]
+        if way.dot(n) > 0.0:
+            apart, distance = self.apart[contact], ti.abs(self.between(contact, self.there).dot(n))
+            self.normal[contact] = -n
+            self.share[contact] = self.share[contact] * (ti.max(0.0, apart - distance) / (apart + distance)) ** 2
 
     @ti.func
     def weight(self, contact, q):

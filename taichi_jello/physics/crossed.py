@@ -1,9 +1,13 @@
-"""Solid bodies that have gone through each other like two bars that cross: the least way apart (NumPy only)."""
+"""Bodies that have gone through each other like two bars that cross: the least way apart (NumPy only)."""
+
+from collections.abc import Iterator
 
 import numpy as np
 
 from taichi_jello.physics.cuts import parts
+from taichi_jello.physics.touching import AT_ONCE, Touching
 
+BEYOND = 2.0  # times as far as contacts reach: how far from their middle what holds each other is
 AGREE = 0.6  # as much of all normals as their sum is, where they press one way
 DIRECTIONS = 300
 
@@ -30,3 +34,32 @@ def way_apart(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     way = np.stack([level * np.cos(turn), up, level * np.sin(turn)], 1)
     length = (other @ way.T).max(0) - (one @ way.T).min(0)
     return way[length.argmin()]
+
+
+def ways_apart(
+    touching: Touching, jello: np.ndarray, x: np.ndarray, place: np.ndarray, touched: np.ndarray
+) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
+    """For each two that hold each other, and each of them: which points (Q,) bool are to leave which other jello, and
+    along which way (3,). touched (AT_ONCE Q, 6): the contacts of points at `place` (Q, 3), see Tangles._press; jello
+    (N,): that of each particle at x (N, 3)."""
+    whose, found = jello[touching.points], np.flatnonzero(touched[:, 5])
+    pair = np.sort(np.stack([whose[found // AT_ONCE], touched[found, 5].astype(int) - 1], 1), 1)
+    for a, b in np.unique(pair, axis=0):
+        own = found[(pair == (a, b)).all(1)]
+        normal = np.where(whose[own // AT_ONCE, None] == a, 1.0, -1.0) * touched[own, :3]
+        where = place[own // AT_ONCE]
+        label = clusters(where, 1.5 * touching.spacing[[a, b]].max())
+        for here in (label == number for number in np.unique(label)):
+            if not hold_each_other(normal[here], *touched[own[here], 3:5].T):
+                continue
+            middle = where[here].mean(0)
+            reach = BEYOND * np.linalg.norm(where[here] - middle, axis=1).max()
+            one, other = (x[(jello == j) & within(x, middle, reach)] for j in (a, b))
+            if len(one) and len(other):
+                out, close = way_apart(one, other), within(place, middle, reach)
+                yield (whose == a) & close, b, out
+                yield (whose == b) & close, a, -out
+
+
+def within(place: np.ndarray, middle: np.ndarray, reach: float) -> np.ndarray:
+    return np.linalg.norm(place - middle, axis=1) < reach

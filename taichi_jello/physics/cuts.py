@@ -1,8 +1,12 @@
 """A surface that something has gone through: which part of it is on the right side, and the way there (NumPy only)."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from taichi_jello.physics.touching import Touching
+
+AROUND = 2.0  # distances between the points: how far from a cut that is
 
 
 def surface_edges(touching: Touching) -> np.ndarray:
@@ -59,3 +63,43 @@ def pierced(a: np.ndarray, b: np.ndarray, c: np.ndarray, p: np.ndarray, q: np.nd
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     before, behind = (np.abs(np.einsum("kd,kd->k", end - a, normal))[:, None] for end in (p, q))
     return (behind * p + before * q) / (before + behind), normal
+
+
+def goes_through(ends: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(E, T) bool: whether the lines between the `ends` (E, 2, 3) go through the triangles with `corners` (T, 3, 3)."""
+    a, b, c = np.moveaxis(corners[None] - ends[:, None, :1], 2, 0)
+    way = np.broadcast_to((ends[:, 1] - ends[:, 0])[:, None], a.shape)
+    volumes = np.stack([np.einsum("etd,etd->et", way, np.cross(u, w)) for u, w in ((b, c), (c, a), (a, b))])
+    normal = np.cross(b - a, c - a)
+    sides = np.einsum("etd,etd->et", a, normal) * np.einsum("etd,etd->et", a - way, normal)
+    return ((volumes.min(0) > 0.0) | (volumes.max(0) < 0.0)) & (sides < 0.0)
+
+
+def ways_back(
+    touching: Touching, jello: np.ndarray, x: np.ndarray, place: np.ndarray, edges: np.ndarray, hits: np.ndarray
+) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
+    """For each two that have gone through each other, and each of them: which points (P,) are to leave which other
+    jello, and along which way (3,). hits (E,): the elements that the edges (E, 2) of points at `place` (Q, 3) go
+    through, -1 for none; jello (N,): that of each particle at x (N, 3)."""
+    edge, whose = np.flatnonzero(hits >= 0), jello[touching.points]
+    elements = touching.nodes[hits[edge], :3]
+    where, normal = pierced(*np.moveaxis(x[elements], 1, 0), *np.moveaxis(place[edges[edge]], 1, 0))
+    pair = np.stack([whose[edges[edge, 0]], jello[elements[:, 0]]], 1)
+    for both in np.unique(np.sort(pair, 1), axis=0):
+        found = []
+        for one, other in (both, both[::-1]):
+            own = np.flatnonzero((pair == (one, other)).all(1))
+            if len(own):
+                points, its = np.flatnonzero(whose == one), np.flatnonzero(whose[edges[:, 0]] == one)
+                inner, cut = np.searchsorted(points, edges[its]), np.searchsorted(its, edge[own])
+                found.append((*right_side(place[points], inner, cut, where[own], normal[own]), one, other))
+        _, out, one, other = min(found, key=lambda side: side[0])
+        reach = AROUND * touching.spacing[both].max()
+        cuts = where[(np.sort(pair, 1) == np.sort(both)).all(1)]
+        for j, k, apart in ((one, other, out), (other, one, -out)):
+            points = np.flatnonzero(whose == j)
+            close = np.linalg.norm(place[points][:, None] - cuts, axis=2).min(1) < reach
+            if touching.radius[k] == 0.0:
+                low, high = x[jello == k].min(0), x[jello == k].max(0)
+                close |= np.all((low <= place[points]) & (place[points] <= high), axis=1)
+            yield points[close], int(k), apart

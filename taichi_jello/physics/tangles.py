@@ -6,7 +6,8 @@ cuts is on the right side (as in Baraff, Witkin & Kass 2003, "Untangling cloth")
 is soft, so that what is pulled through does not come out like a shot.
 
 Solids that are not both convex, as rings, may hold each other in the same way where they cross; there they part by
-the least way that leads what is around of one out of what is around of the other.
+the least way that leads what is around of one out of what is around of the other. A rope that goes through a solid
+parts from it as a whole.
 """
 
 from typing import Any
@@ -16,17 +17,16 @@ import taichi as ti
 
 from taichi_jello.body import Body
 from taichi_jello.physics.boxes import meet, which_meet
-from taichi_jello.physics.crossed import clusters, hold_each_other, way_apart
-from taichi_jello.physics.cuts import pierced, right_side, surface_edges
+from taichi_jello.physics.crossed import ways_apart
+from taichi_jello.physics.cuts import surface_edges, ways_back
 from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.state import Memory
+from taichi_jello.physics.threads import Threads
 from taichi_jello.physics.touching import AT_ONCE
 
 SOFT = 0.05  # times as hard as usual is contact around a cut
 FIRM = 0.1  # s in which it grows e times harder again when the cut is gone
 TURNED = 0.5  # the cosine beyond which a side leads against the way
-AROUND = 2.0  # distances between the points: how far from a cut that is
-BEYOND = 2.0  # times as far as contacts reach: how far from their middle what holds each other is
 DEEP = 0.3  # of the way to a core: as deep as what holds each other is
 BENT = 2  # of solids that are not convex, 1 of convex ones, 0 of others
 NEVER = -1e30  # s
@@ -56,6 +56,7 @@ class Tangles:
             self.kind = memory.table(title, "what can hold", np.where(touching.bent, BENT, touching.convex.astype(int)))
             self.deep = memory.zeros(title, "any so deep that it may be held", (1,), whole=True)
             self.looked = False  # at `deep` for the frame that has just begun
+        self.threads = Threads(touching, body) if touching.has_threads else None
         self.number = memory.number
         self.now = self._none()
 
@@ -99,15 +100,22 @@ class Tangles:
         """Find what holds what as the frame begins, at `start` [s], with the particles at x (N, 3) [m]."""
         hits = self._crossed(system) if self.has_sheets else None
         touched = self._held(system, contacts) if self.has_bent else None
-        if hits is not None or touched is not None or self.tangled:
-            cut, beside, way = self.now[0].copy(), *self._none()[1:]
-            touching = self.near.touching
-            place = np.concatenate([x[touching.points[: touching.bare]], self.body.skin_points(x)]).astype(float)
-            if touched is not None:
-                self._part_solids(x, place, touched, beside, way)
-            if hits is not None:
-                self._part_sheets(x, place, hits, cut, beside, way, start)
-            self._put(cut, beside, way, start)
+        close = self.threads.close(x) if self.threads else []
+        if hits is None and touched is None and not close and not self.tangled:
+            return
+        cut, beside, way = self.now[0].copy(), *self._none()[1:]
+        touching, jello = self.near.touching, self.body.jello
+        place = np.concatenate([x[touching.points[: touching.bare]], self.body.skin_points(x)]).astype(float)
+        if self.threads and close:
+            for points, other, out in self.threads.ways_off(x, place, close):
+                beside[points], way[points] = other + 1, out
+        if touched is not None:
+            for points, other, out in ways_apart(touching, jello, x, place, touched):
+                beside[points], way[points] = other + 1, out
+        if hits is not None:
+            for points, other, out in ways_back(touching, jello, x, place, self.edges, hits):
+                beside[points], way[points], cut[points] = other + 1, out, start
+        self._put(cut, beside, way, start)
 
     def _crossed(self, system) -> np.ndarray | None:
         """(E,) the elements that the edges go through, see _cross; None if none does."""
@@ -125,73 +133,23 @@ class Tangles:
         touched = np.zeros((self.count, AT_ONCE, 6), self.number)
         return touched.reshape(-1, 6) if self._press(system, contacts, touched) else None
 
-    def _part_solids(self, x, place, touched, beside, way) -> None:
-        """Fill in the ways of what holds each other."""
-        found, spacing = np.flatnonzero(touched[:, 5]), self.near.touching.spacing
-        pair = np.sort(np.stack([self.whose[found // AT_ONCE], touched[found, 5].astype(int) - 1], 1), 1)
-        for a, b in np.unique(pair, axis=0):
-            own = found[(pair == (a, b)).all(1)]
-            normal = np.where(self.whose[own // AT_ONCE, None] == a, 1.0, -1.0) * touched[own, :3]
-            label = clusters(place[own // AT_ONCE], 1.5 * max(spacing[a], spacing[b]))
-            for number in np.unique(label):
-                here = label == number
-                if hold_each_other(normal[here], *touched[own[here], 3:5].T):
-                    where = place[own[here] // AT_ONCE]
-                    middle = where.mean(0)
-                    reach = BEYOND * np.linalg.norm(where - middle, axis=1).max()
-                    one, other = (x[(self.body.jello == j) & self._near(x, middle, reach)] for j in (a, b))
-                    if len(one) and len(other):
-                        out = way_apart(one, other)
-                        for j, k, apart in ((a, b, out), (b, a, -out)):
-                            points = (self.whose == j) & self._near(place, middle, reach)
-                            beside[points], way[points] = k + 1, apart
-
-    @staticmethod
-    def _near(places, middle, reach):
-        return np.linalg.norm(places - middle, axis=1) < reach
-
-    def _part_sheets(self, x, place, hits, cut, beside, way, start) -> None:
-        """Fill in the ways of what the edges belong to that go through the elements `hits` (E,), -1 for none."""
-        touching, edge = self.near.touching, np.flatnonzero(hits >= 0)
-        where, normal = pierced(
-            *np.moveaxis(x[touching.nodes[hits[edge], :3]], 1, 0), *np.moveaxis(place[self.edges[edge]], 1, 0)
-        )
-        pair = np.stack([self.whose[self.edges[edge, 0]], self.owner[hits[edge]]], 1)
-        for both in np.unique(np.sort(pair, 1), axis=0):
-            found = []
-            for one, other in (both, both[::-1]):
-                own = np.flatnonzero((pair == (one, other)).all(1))
-                if len(own):
-                    points = np.flatnonzero(self.whose == one)
-                    edges = np.flatnonzero(self.whose[self.edges[:, 0]] == one)
-                    side = right_side(
-                        place[points],
-                        np.searchsorted(points, self.edges[edges]),
-                        np.searchsorted(edges, edge[own]),
-                        where[own],
-                        normal[own],
-                    )
-                    found.append((*side, one, other))
-            _, out, one, other = min(found, key=lambda side: side[0])
-            reach = AROUND * touching.spacing[both].max()
-            cuts = where[(np.sort(pair, 1) == np.sort(both)).all(1)]
-            for j, k, apart in ((one, other, out), (other, one, -out)):
-                points = np.flatnonzero(self.whose == j)
-                close = np.linalg.norm(place[points][:, None] - cuts, axis=2).min(1) < reach
-                if touching.radius[k] == 0.0:
-                    low, high = x[self.body.jello == k].min(0), x[self.body.jello == k].max(0)
-                    close |= np.all((low <= place[points]) & (place[points] <= high), axis=1)
-                beside[points[close]], way[points[close]], cut[points[close]] = k + 1, apart, start
-
     @ti.func
     def turned(self, q, b, n, distance, apart):
         """The way along which point q is to leave a thin body of jello b that is `distance` [m] away against n, and
         how much that counts for. A turned contact stores the energy that it would unturned; see Exits.leave."""
-        counts = self.soft[q]
+        counts = self.softness(q)
         if n.dot(self.way_out(q, b)) < -TURNED:
             n = -n
             counts *= (ti.max(0.0, apart - distance) / (apart + distance)) ** 2
         return n, counts
+
+    @ti.func
+    def softness(self, q):
+        """How much what point q touches counts for, since something is cut around it."""
+        soft = ti.cast(1.0, float)
+        if ti.static(self.has_sheets):
+            soft = self.soft[q]
+        return soft
 
     @ti.func
     def way_out(self, q, b):

@@ -31,7 +31,8 @@ class Touching:
     radius (J,) [m] of each jello, zero for solid ones; spacing (J,) [m] between its points.
     thick (C,) [m]: how thick the undeformed body is around each cell; thickness (J,) [m]: the way through each jello,
     through half of its cells if it is not convex, THIN times the radius of a thin one; convex (J,) bool: and stays so;
-    bent (J,): solid ones that are not, and keep their shape; sheet (J,): sheets that do; loose (J,): see law.loose;
+    bent (J,): solid ones that are not, and keep their shape; sheet, rope (J,): sheets and ropes that do; loose (J,):
+    see law.loose;
     hearts (J, 8): the corners of the cell in the middle of each solid one.
     """
 
@@ -54,6 +55,7 @@ class Touching:
     convex: np.ndarray
     bent: np.ndarray
     sheet: np.ndarray
+    rope: np.ndarray
     loose: np.ndarray
     hearts: np.ndarray
 
@@ -126,6 +128,7 @@ class Touching:
             convex=is_convex & ~loose,
             bent=is_solid & ~is_convex & ~loose,
             sheet=is_sheet & ~loose,
+            rope=~is_solid & ~is_sheet & ~loose,
             loose=loose,
             hearts=hearts(body.rest, body.cells, holder, jellos),
         )
@@ -139,6 +142,11 @@ class Touching:
     def has_bent(self) -> bool:
         """Whether solids of two jellos can hold each other: one is not convex, and none is loose."""
         return bool(self.bent.any()) and int(np.sum(self.bent | self.convex)) > 1
+
+    @property
+    def has_threads(self) -> bool:
+        """Whether a rope can go through a solid; what may melt or tear is left out."""
+        return bool(self.rope.any()) and bool(np.any(self.bent | self.convex))
 
     @property
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

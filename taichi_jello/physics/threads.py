@@ -1,0 +1,110 @@
+"""Ropes that go through solids: found by the places where they enter and leave, and their way out (NumPy only)."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from taichi_jello.body import Body
+from taichi_jello.physics.crossed import way_apart
+from taichi_jello.physics.cuts import goes_through, pierced
+from taichi_jello.physics.touching import Touching
+
+AGAINST = -0.5  # the cosine of the sides by which a rope enters and leaves what it goes through, at most
+HALF = 0.5  # of a segment
+DEEP = 0.3  # of a solid's thickness, or of the way through it: how far from its surface is deep
+SAMPLES = 9  # places on a way through
+
+
+class Threads:
+    """ropes: the segments (S, 2) of particles of each rope, in their order; solids: the triangles (T, 3) of points of
+    each solid, their corners round as seen from outside; both by their jello."""
+
+    def __init__(self, touching: Touching, body: Body):
+        segments = touching.nodes[touching.solid :, :2]
+        triangles = outward(touching, body.rest)
+        whose, owner = body.jello[touching.points], body.jello[segments[:, 0]]
+        self.whose, self.jello, self.thickness = whose, body.jello, touching.thickness
+        self.ropes = {j: segments[owner == j] for j in np.flatnonzero(touching.rope)}
+        firm = np.flatnonzero(touching.bent | touching.convex)
+        self.solids = {j: triangles[whose[triangles[:, 0]] == j] for j in firm}
+
+    def close(self, x: np.ndarray) -> list[tuple[Any, Any]]:
+        """The ropes and solids whose boxes meet with the particles at x (N, 3)."""
+        boxes = {j: (x[self.jello == j].min(0), x[self.jello == j].max(0)) for j in (*self.ropes, *self.solids)}
+        return [(a, b) for a in self.ropes for b in self.solids if meet(*boxes[a], *boxes[b]).all()]
+
+    def ways_off(
+        self, x: np.ndarray, place: np.ndarray, close: list[tuple[Any, Any]]
+    ) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
+        """For each rope that goes through a solid, of those that are `close`, and for both: which points (Q,) bool, at
+        `place` (Q, 3), are to leave which other jello, and along which way (3,). Both part as wholes: where a rope goes
+        through, what is around has no side that is nearer."""
+        for rope, solid in close:
+            if passes(x[self.ropes[rope]].astype(float), place[self.solids[solid]], self.thickness[solid]):
+                out = way_apart(x[self.jello == rope], x[self.jello == solid])
+                yield self.whose == rope, solid, out
+                yield self.whose == solid, rope, -out
+
+
+def outward(touching: Touching, rest: np.ndarray) -> np.ndarray:
+    """(T, 3) of points: the triangles of all solids, each once, their corners round as seen from outside."""
+    bare = touching.triangles[(touching.triangles >= 0).all(1) & (touching.triangles < touching.bare).all(1)]
+    skin = touching.triangles[(touching.triangles >= touching.bare).all(1)]
+    corners, inner = rest[touching.points[bare]], rest[touching.inner[bare]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inwards = np.einsum("td,td->t", normal, (corners - inner).sum(1)) < 0.0
+    bare = np.where(inwards[:, None], bare[:, ::-1], bare)
+    return np.concatenate([bare, np.unique(skin, axis=0)])
+
+
+def passes(ends: np.ndarray, corners: np.ndarray, thick: float) -> bool:
+    """Whether a rope whose segments, in order, have `ends` (S, 2, 3) goes through what has the triangles with `corners`
+    (T, 3, 3) and is `thick` [m]: enters it by one side, leaves it by another that faces the other way, and is deep in
+    it between. (One that is wound tightly round a bar does the same, but near its face.) What ends just before it would
+    leave counts, too: a rope is taken to go on for half a segment."""
+    ends = ends.copy()
+    ends[0, 0] += HALF * (ends[0, 0] - ends[0, 1])
+    ends[-1, 1] += HALF * (ends[-1, 1] - ends[-1, 0])
+    rope = ends.reshape(-1, 3)
+    near = corners[meet(corners.min(1), corners.max(1), rope.min(0), rope.max(0)).all(1)]
+    segment, triangle = np.nonzero(goes_through(ends, near))
+    if len(segment) < 2:
+        return False
+    p, q = np.moveaxis(ends[segment], 1, 0)
+    a, b, c = np.moveaxis(near[triangle], 1, 0)
+    where, normal = pierced(a, b, c, p, q)
+    along = segment + np.linalg.norm(where - p, axis=1) / np.linalg.norm(q - p, axis=1)
+    enters, order = np.einsum("kd,kd->k", q - p, normal) < 0.0, np.argsort(along)
+    for k, n in pairwise(order):
+        if enters[k] and not enters[n] and normal[k] @ normal[n] < AGAINST:
+            inside = at(ends, np.linspace(along[k], along[n], SAMPLES))
+            length = np.linalg.norm(np.diff(inside, axis=0), axis=1).sum()
+            middle, reach = inside.mean(0), length
+            around = meet(corners.min(1), corners.max(1), middle - reach, middle + reach).all(1)
+            if distances(inside, corners[around]).max() > DEEP * min(length, thick):
+                return True
+    return False
+
+
+def at(ends: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """(K, 3) the places on a rope that are `along` (K,) of its segments, whole ones and parts, from its beginning."""
+    segment = np.minimum(along.astype(int), len(ends) - 1)
+    return ends[segment, 0] + (along - segment)[:, None] * (ends[segment, 1] - ends[segment, 0])
+
+
+def distances(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(P,) [m]: how far the points (P, 3) are from the nearest of the triangles with `corners` (T, 3, 3)."""
+    edge = np.roll(corners, -1, axis=1) - corners
+    normal = np.cross(edge[:, 0], edge[:, 1])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    way = points[:, None, None] - corners  # (P, T, 3, 3), from each corner
+    part = np.clip(np.einsum("ptkd,tkd->ptk", way, edge) / np.einsum("tkd,tkd->tk", edge, edge), 0.0, 1.0)
+    least = np.linalg.norm(way - part[..., None] * edge, axis=3).min(2)
+    above = np.all(np.einsum("ptkd,tkd->ptk", way, np.cross(normal[:, None], edge)) >= 0.0, axis=2)
+    return np.where(above, np.abs(np.einsum("ptd,td->pt", way[:, :, 0], normal)), least).min(1)
+
+
+def meet(low: np.ndarray, high: np.ndarray, other_low: np.ndarray, other_high: np.ndarray) -> np.ndarray:
+    return (low <= other_high) & (other_low <= high)
