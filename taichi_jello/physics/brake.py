@@ -6,7 +6,6 @@ two lose the speed at which they come at each other, as in an impact that is alm
 as their momentum about each other then asks for: momentum and angular momentum stay as they are, energy only falls.
 """
 
-import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.boxes import TINY
@@ -14,20 +13,20 @@ from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.state import Memory
 
 BOUNCE = 0.1  # of the speed at which they came: with none, what was crushed may come apart on the other side
-SHEET = 2  # of sheets, 1 of solids, 0 of others
+SHEET, ROPE = 2, 3  # of sheets and of ropes, 1 of solids, 0 of others
 SLIM = 1e-4  # of a round body's inertia and mass: what has less does not turn
 
 
 @ti.data_oriented
 class Brake:
     """deep[J a + b]: whether one of the jellos a and b is in a core of the other one; any[0]: whether any is. Solids
-    brake each other, and sheets do; ropes, and what may melt or tear, are not braked."""
+    brake each other, and so do sheets, and ropes; what may melt or tear is not braked."""
 
     def __init__(self, title: str, memory: Memory, near: Neighbours):
         self.near, self.jellos = near, near.jellos
         J, touching = near.jellos, near.touching
         firm = touching.convex | touching.bent
-        self.kind = memory.table(title, "kinds of jellos", firm + SHEET * touching.sheet.astype(np.int32))
+        self.kind = memory.table(title, "kinds of jellos", firm + SHEET * touching.sheet + ROPE * touching.rope)
         self.deep = memory.zeros(title, "pairs in a core", (J * J,), whole=True)
         self.any = memory.zeros(title, "any in a core", (1,), whole=True)
         names = ("centres", "speeds", "spins", "pushes", "turns")
