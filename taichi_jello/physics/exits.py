@@ -87,7 +87,7 @@ class Exits:
         fewest = ti.select(self.both_convex(q, e) or self.way_out(q, e).norm_sqr() > 0.0, LEAST, 0.0)
         counts = ti.math.clamp((nearest / ti.max(best, TINY)) ** 2, fewest, 1.0)
         if ti.static(self.can_tangle):
-            counts *= self.tangles.softness(q)
+            counts *= self.tangles.softness(q, self.near.owner[e])
         if ti.static(self.near.skinned):  # noqa: SIM102
             if self.way[e][0] == 0.0 and self.is_outside(p, corners):
                 best = FAR

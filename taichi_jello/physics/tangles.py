@@ -10,6 +10,8 @@ the least way that leads what is around of one out of what is around of the othe
 parts from it as a whole.
 """
 
+from collections.abc import Iterable
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -36,8 +38,8 @@ HELD, NAMES = f"{TANGLE}held", tuple(f"{TANGLE}{name}" for name in ("time", "bes
 
 @ti.data_oriented
 class Tangles:
-    """The point q is to leave jello beside[q] - 1, if that is not negative, along way[q]; what touches it counts for
-    soft[q]. All this holds for a frame."""
+    """The point q is to leave jello beside[q] - 1, if that is not negative, along way[q], if that is not zero; what it
+    touches of that jello counts for soft[q]. All this holds for a frame."""
 
     def __init__(self, title: str, body: Body, memory: Memory, near: Neighbours):
         touching = near.touching
@@ -47,9 +49,9 @@ class Tangles:
         if self.has_sheets:
             edges = surface_edges(touching)
             self.edges = edges[~touching.loose[self.whose[edges[:, 0]]]]
-            self.soft = memory.table(title, "softness", np.ones(self.count))
             self.ends = memory.table(title, "edges", self.edges)
             self.sheet = memory.table(title, "sheets", touching.sheet.astype(np.int32))
+        self.soft = memory.table(title, "softness", np.ones(self.count))
         self.beside = memory.zeros(title, "jellos to leave", (self.count,), whole=True)
         self.way = memory.zeros(title, "ways to leave them", (self.count, 3))
         if self.has_bent:
@@ -90,10 +92,9 @@ class Tangles:
     def _put(self, cut: np.ndarray, beside: np.ndarray, way: np.ndarray, start: float) -> None:
         with np.errstate(over="ignore"):
             soft = np.clip(SOFT * np.exp((start - cut) / FIRM), SOFT, 1.0)
-        self.now = np.where(soft < 1.0, cut, NEVER), beside, way
-        if self.has_sheets:
-            self.soft.from_numpy(soft.astype(self.number))
-        self.beside.from_numpy(beside.astype(np.int32))
+        self.now = np.where(soft < 1.0, cut, NEVER), np.where(soft < 1.0, beside, 0), way
+        self.soft.from_numpy(soft.astype(self.number))
+        self.beside.from_numpy(self.now[1].astype(np.int32))
         self.way.from_numpy(way.astype(self.number))
 
     def look_over(self, system: Any, contacts: Any, x: np.ndarray, start: float) -> None:
@@ -103,18 +104,18 @@ class Tangles:
         close = self.threads.close(x) if self.threads else []
         if hits is None and touched is None and not close and not self.tangled:
             return
-        cut, beside, way = self.now[0].copy(), *self._none()[1:]
+        cut, beside, way = self.now[0].copy(), self.now[1].copy(), self._none()[2]
         touching, jello = self.near.touching, self.body.jello
         place = np.concatenate([x[touching.points[: touching.bare]], self.body.skin_points(x)]).astype(float)
+        found: list[Iterable[tuple[np.ndarray, int, np.ndarray]]] = []
         if self.threads and close:
-            for points, other, out in self.threads.ways_off(x, place, close):
-                beside[points], way[points] = other + 1, out
+            found.append(self.threads.ways_off(x, place, close))
         if touched is not None:
-            for points, other, out in ways_apart(touching, jello, x, place, touched):
-                beside[points], way[points] = other + 1, out
+            found.append(ways_apart(touching, jello, x, place, touched))
         if hits is not None:
-            for points, other, out in ways_back(touching, jello, x, place, self.edges, hits):
-                beside[points], way[points], cut[points] = other + 1, out, start
+            found.append(ways_back(touching, jello, x, place, self.edges, hits))
+        for points, other, out in chain(*found):
+            beside[points], way[points], cut[points] = other + 1, out, start
         self._put(cut, beside, way, start)
 
     def _crossed(self, system) -> np.ndarray | None:
@@ -137,19 +138,16 @@ class Tangles:
     def turned(self, q, b, n, distance, apart):
         """The way along which point q is to leave a thin body of jello b that is `distance` [m] away against n, and
         how much that counts for. A turned contact stores the energy that it would unturned; see Exits.leave."""
-        counts = self.softness(q)
+        counts = self.softness(q, b)
         if n.dot(self.way_out(q, b)) < -TURNED:
             n = -n
             counts *= (ti.max(0.0, apart - distance) / (apart + distance)) ** 2
         return n, counts
 
     @ti.func
-    def softness(self, q):
-        """How much what point q touches counts for, since something is cut around it."""
-        soft = ti.cast(1.0, float)
-        if ti.static(self.has_sheets):
-            soft = self.soft[q]
-        return soft
+    def softness(self, q, b):
+        """How much what point q touches of jello b counts for."""
+        return ti.select(self.beside[q] == b + 1, self.soft[q], 1.0)
 
     @ti.func
     def way_out(self, q, b):
