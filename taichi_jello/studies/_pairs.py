@@ -9,8 +9,6 @@ import numpy as np
 
 from taichi_jello.advice import SceneWarning
 from taichi_jello.clock import StepWarning
-from taichi_jello.physics.cuts import goes_through, surface_edges
-from taichi_jello.physics.touching import Touching
 from taichi_jello.scene import Jello, Scene
 from taichi_jello.sceneio import demos
 from taichi_jello.shapes.ball import Ball
@@ -20,18 +18,20 @@ from taichi_jello.shapes.ring import Ring
 from taichi_jello.shapes.rope import Rope
 from taichi_jello.shapes.sheet import Sheet
 from taichi_jello.simulation import Simulation, Snapshot
+from taichi_jello.studies._through import Sheets, watched
 
 SEED = 9
 LONG, PULL = 2.5, 2.0  # s that a pair has to come apart by itself, and pulled
 SPEED = 20.0  # m/s
+AFTER = 0.1  # s that a throw goes on beyond the way of four sizes
 Array = np.ndarray[Any, Any]
+Row = dict[str, Any]
 
 
 def mesh(name: str, size: float) -> Mesh:
     return Mesh(file=str(demos()[name].parent / "meshes" / f"{name}.ply"), resolution=12, size=size)
 
 
-MESHES = ("rabbit", "teapot")
 SHAPES: dict[str, Callable[[float], Jello]] = {
     "box": lambda s: Box(points=(5, 5, 5), size=(s, s, s)),
     "slab": lambda s: Box(points=(6, 6, 2), size=(s, s, 0.2 * s)),
@@ -41,7 +41,9 @@ SHAPES: dict[str, Callable[[float], Jello]] = {
     "sheet": lambda s: Sheet(points=(9, 9), size=(s, s)),
     "strip": lambda s: Sheet(points=(13, 3), size=(s, s / 6.0)),
     "rope": lambda s: Rope(points=12, length=s),
-} | {name: (lambda s, name=name: mesh(name, s)) for name in MESHES}
+    "rabbit": lambda s: mesh("rabbit", s),
+    "teapot": lambda s: mesh("teapot", s),
+}
 
 
 @dataclass(frozen=True)
@@ -81,29 +83,20 @@ def go_on(simulation: Simulation, seconds: float) -> None:
         simulation.advance(seconds)
 
 
-def apart(simulation: Simulation) -> bool:
-    return simulation.energies()["contact"] == 0.0 and cut(simulation) == 0
-
-
-def cut(simulation: Simulation) -> int:
-    """How many edges of either go an odd number of times through a sheet of the other one."""
-    body, x = simulation.body, simulation.x.astype(float)
-    touching = Touching.of(body, np.zeros(2, bool))
-    edges, thin = surface_edges(touching), touching.nodes[touching.solid :, :3]
-    ends = np.concatenate([x[touching.points[: touching.bare]], body.skin_points(x)])[edges]
-    whose, owner = body.jello[touching.points[edges[:, 0]]], body.jello[thin[:, 0]]
-    pairs = [(ends[whose != j], x[thin[owner == j]]) for j in (0, 1) if touching.sheet[j]]
-    return sum(int(np.count_nonzero(np.sum(goes_through(*pair), 1) % 2)) for pair in pairs)
-
-
 def middles(simulation: Simulation) -> Array:
     return np.array([simulation.x[simulation.body.jello == j].mean(0) for j in (0, 1)])
 
 
-def overlapped(simulation: Simulation, poses: int) -> Iterator[dict[str, Any]]:
+def apart(simulation: Simulation, sheets: Sheets) -> bool:
+    """Whether the two neither press on each other nor go through a sheet of the other one."""
+    return simulation.energies()["contact"] == 0.0 and sheets.cut(simulation.x.astype(float)) == 0
+
+
+def overlapped(simulation: Simulation, poses: int) -> Iterator[Row]:
     """Each pose with half of the lesser of both extents along a way by chance within the other: whether they come
     apart by themselves, or pulled at 1 m/s, and how much energy [J] is more in the end than it was."""
     draw, first = np.random.default_rng(SEED), (simulation.body.jello == 0)[:, None]
+    sheets = Sheets(simulation.body)
     for pose in range(poses):
         (low, high), way = turned(simulation, draw), direction(draw)
         overlap = 0.5 * min(np.ptp(low @ way), np.ptp(high @ way))
@@ -112,37 +105,41 @@ def overlapped(simulation: Simulation, poses: int) -> Iterator[dict[str, Any]]:
         simulation.restore(Snapshot(0.0, x, np.zeros_like(x)))
         before = sum(simulation.energies().values())
         go_on(simulation, LONG)
-        told = {"pose": pose, "gained": sum(simulation.energies().values()) - before, "pulled": not apart(simulation)}
+        told: Row = {"pose": pose, "gained": sum(simulation.energies().values()) - before}
+        told["pulled"] = not apart(simulation, sheets)
         if told["pulled"]:
             a, b = middles(simulation)
             pull = 0.5 * (a - b) / max(float(np.linalg.norm(a - b)), 1e-9)
             v = simulation.v + np.where(first, pull, -pull)
             simulation.restore(Snapshot(simulation.time, simulation.x, v))
             go_on(simulation, PULL)
-        yield told | {"held": not apart(simulation)}
+        yield told | {"held": not apart(simulation, sheets)}
 
 
-def thrown(simulation: Simulation, size: float, poses: int) -> Iterator[dict[str, Any]]:
+def thrown(simulation: Simulation, size: float, poses: int) -> Iterator[Row]:
     """The first thrown at the second at 20 m/s, middle at middle, from 2 sizes away: whether it is beyond it in the
-    end, and how many edges went through at once if it is."""
+    end; and if it is, whether it has gone through it, not round it."""
     draw, first = np.random.default_rng(SEED), (simulation.body.jello == 0)[:, None]
+    end = AFTER + 4.0 * size / SPEED
     for pose in range(poses):
         (low, high), way = turned(simulation, draw), direction(draw)
         start = Snapshot(0.0, np.concatenate([low - 2.0 * size * way, high]), first * SPEED * way)
         simulation.restore(start)
-        go_on(simulation, 0.1 + 4.0 * size / SPEED)
+        go_on(simulation, end)
         a, b = middles(simulation)
-        told = {"pose": pose, "beyond": bool((a - b) @ way > 0.0), "cut": 0}
-        if told["beyond"]:
-            told["cut"] = most_cut(simulation, start)
-        yield told
+        beyond = bool((a - b) @ way > 0.0)
+        yield {"pose": pose, "beyond": beyond, "through": beyond and went_through(simulation, start, way, end)}
 
 
-def most_cut(simulation: Simulation, start: Snapshot) -> int:
-    """Of all moments of a throw."""
+def went_through(simulation: Simulation, start: Snapshot, way: Array, end: float) -> bool:
+    """Whether they do in that throw, looked at after each step."""
     simulation.restore(start)
-    most = 0
-    while simulation.time < 0.1 + 4.0 * np.ptp(start.x) / SPEED:
+    watch, before = watched(simulation.body), -1.0
+    watch.look(simulation.x.astype(float), False)
+    while simulation.time < end:
         simulation.step(1)
-        most = max(most, cut(simulation))
-    return most
+        a, b = middles(simulation)
+        beyond = float((a - b) @ way)
+        watch.look(simulation.x.astype(float), before < 0.0 <= beyond)
+        before = beyond
+    return watch.went

@@ -1,0 +1,110 @@
+"""Whether two jellos go through each other, by the shapes of their surfaces alone (NumPy only, float64)."""
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from taichi_jello.body import Body
+from taichi_jello.physics.cuts import goes_through, surface_edges
+from taichi_jello.physics.touching import Touching
+
+Array = np.ndarray[Any, Any]
+TETRAHEDRA = np.array([[0, 1, 2, 4], [1, 2, 3, 7], [1, 2, 4, 7], [1, 4, 5, 7], [2, 4, 6, 7]])  # of a cell's corners
+OVERLAP = 0.1  # of the cells of either: what slides along the other one has no more of their middles in it
+
+
+class Sheets:
+    """went: whether edges of one went through the other as their middles came level."""
+
+    def __init__(self, body: Body):
+        self.body, self.touching = body, Touching.of(body, np.zeros(2, bool))
+        self.edges = surface_edges(self.touching)
+        self.went = False
+
+    def cut(self, x: Array) -> int:
+        """How many edges of either go an odd number of times through a sheet of the other one."""
+        body, touching = self.body, self.touching
+        thin = touching.nodes[touching.solid :, :3]
+        ends = np.concatenate([x[touching.points[: touching.bare]], body.skin_points(x)])[self.edges]
+        whose, owner = body.jello[touching.points[self.edges[:, 0]]], body.jello[thin[:, 0]]
+        pairs = [(ends[whose != j], x[thin[owner == j]]) for j in (0, 1) if touching.sheet[j]]
+        return sum(int(np.count_nonzero(np.sum(goes_through(*pair), 1) % 2)) for pair in pairs)
+
+    def look(self, x: Array, level: bool) -> None:
+        if level:
+            self.went = self.cut(x) > 0
+
+
+class Lines:
+    """went: whether the segments of one rope, or of the line through the middles of one row of cells, have gone through
+    those of the other one to one side more often than back."""
+
+    def __init__(self, lines: Callable[[Array], list[Array]]):
+        """lines: the segments (S, 2, 3) of both for the particles at x (N, 3)."""
+        self.lines, self.volumes, self.net = lines, np.zeros((1, 1)), 0
+
+    @property
+    def went(self) -> bool:
+        return self.net != 0
+
+    def look(self, x: Array, level: bool) -> None:
+        volumes, within = segments_cross(*self.lines(x))
+        self.net += int(np.sum(np.sign(volumes) * ((volumes * self.volumes < 0.0) & within)))
+        self.volumes = volumes
+
+
+class Solids:
+    """went: whether more than OVERLAP of the cells of one had their middles in the other as both came level."""
+
+    def __init__(self, cells: list[Array]):
+        """cells (C, 8): of each."""
+        self.cells, self.went = cells, False
+
+    def look(self, x: Array, level: bool) -> None:
+        if level:
+            one, other = self.cells
+            self.went = max(share_inside(x[a].mean(1), x[b]) for a, b in ((one, other), (other, one))) > OVERLAP
+
+
+def watched(body: Body) -> Sheets | Lines | Solids:
+    """What tells whether two jellos of one kind go through each other: its `look` is called with the particles (N, 3)
+    after each step, and with whether their middles have come level in it."""
+    touching = Touching.of(body, np.zeros(2, bool))
+    if touching.sheet.all():
+        return Sheets(body)
+    if touching.rope.all():
+        springs = body.springs[body.family == 0]
+        ropes = [springs[body.jello[springs[:, 0]] == j] for j in (0, 1)]
+        return Lines(lambda x: [x[rope] for rope in ropes])
+    cells = [body.cells[body.jello[body.cells[:, 0]] == j] for j in (0, 1)]
+    if all(len(np.intersect1d(a, b)) == 4 for own in cells for a, b in pairwise(own)):
+        return Lines(lambda x: [joined(x[own].mean(1)) for own in cells])
+    return Solids(cells)
+
+
+def joined(middle: Array) -> Array:
+    """The segments (C - 1, 2, 3) that join the places (C, 3) one after the other."""
+    return np.stack([middle[:-1], middle[1:]], 1)
+
+
+def share_inside(points: Array, cells: Array) -> float:
+    """How much of the points (P, 3) is within the cells with corners (C, 8, 3), each of five tetrahedra."""
+    a, b, c, d = np.moveaxis(cells[:, TETRAHEDRA].reshape(-1, 4, 3), 1, 0)
+    sides = np.stack([b - a, c - a, d - a], 2)
+    whole = np.abs(np.linalg.det(sides)) > 1e-12 * np.ptp(points) ** 3
+    part = np.einsum("tij,ptj->pti", np.linalg.inv(sides[whole]), points[:, None] - a[whole])
+    return float(np.mean(np.any((part.min(2) >= 0.0) & (part.sum(2) <= 1.0), axis=1)))
+
+
+def segments_cross(one: Array, other: Array) -> tuple[Array, Array]:
+    """(A, B) six times the volume between each two of the segments (A, 2, 3) and (B, 2, 3), whose sign changes as one
+    goes through the other; and whether their lines are nearest to each other within both of them."""
+    p, q = one[:, None, 0], other[None, :, 0]
+    d, e, r = one[:, None, 1] - p, other[None, :, 1] - q, p - q
+    dd, ee, de = ((u * w).sum(-1) for u, w in ((d, d), (e, e), (d, e)))
+    dr, er = (d * r).sum(-1), (e * r).sum(-1)
+    size = np.maximum(dd * ee - de * de, 1e-30)
+    s, t = (de * er - dr * ee) / size, (dd * er - de * dr) / size
+    return -np.einsum("abk,abk->ab", np.cross(d, e), r), (s > 0.0) & (s < 1.0) & (t > 0.0) & (t < 1.0)

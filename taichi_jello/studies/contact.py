@@ -1,0 +1,115 @@
+"""Jellos put into each other by half, which are to come apart, and jellos thrown at each other at 20 m/s, which are not
+to pass: how many of many poses do what, and what energy it gives."""
+
+import argparse
+from collections.abc import Iterator
+from itertools import combinations_with_replacement
+from pathlib import Path
+from typing import Any
+
+from taichi_jello import runtime
+from taichi_jello.physics.choice import AUTO
+from taichi_jello.physics.integrators import scheme
+from taichi_jello.studies._pairs import SHAPES, Pair, overlapped, thrown
+from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
+from taichi_jello.words import counted
+
+MESHES = ("rabbit", "teapot")
+POSES, FEW = 24, 3
+FEW_OF_MESHES = 6
+HALVES = [Pair(*names) for names in combinations_with_replacement(SHAPES, 2)]
+THROWS = [
+    Pair(name, name, size, stiffness)
+    for name in SHAPES
+    for size, stiffness in ((0.1, 200.0), (0.1, 1e4), (1.0, 200.0), (1.0, 1e5))
+    if name not in MESHES or size == 1.0
+]
+
+
+def measure(chosen: argparse.Namespace) -> dict[str, Any]:
+    """A row for each pair; with --quick none of meshes, and few poses. --method: another than auto. Raises SceneError
+    for an unknown one."""
+    method = chosen.method or AUTO
+    if method != AUTO:
+        scheme(method)
+    work = [(what, pair) for what, pairs in (("half", HALVES), ("throw", THROWS)) for pair in pairs]
+    if chosen.quick:
+        work = [(what, pair) for what, pair in work if not {pair.one, pair.other} & set(MESHES)]
+    told: dict[str, Any] = machine() | {"method": method, "rows": []}
+    take(chosen, told, pieces(chosen, work, method, told), "contact", len(work))
+    return told
+
+
+def pieces(
+    chosen: argparse.Namespace, work: list[tuple[str, Pair]], method: str, told: dict[str, Any]
+) -> Iterator[None]:
+    for what, pair in work:
+        runtime.start(chosen.arch, chosen.precision, chosen.threads)
+        poses = FEW if chosen.quick else FEW_OF_MESHES if {pair.one, pair.other} & set(MESHES) else POSES
+        told["rows"].append(row(what, pair, method, poses))
+        yield
+
+
+def row(what: str, pair: Pair, method: str, poses: int) -> dict[str, Any]:
+    """What becomes of a pair: which poses end badly, which need a pull or go round each other, and the most energy [J]
+    gained."""
+    simulation = pair.simulation(method)
+    told = {"what": what, "one": pair.one, "other": pair.other, "size": pair.size, "stiffness": pair.stiffness}
+    told |= {"method": simulation.method, "poses": poses}
+    if what == "half":
+        found = list(overlapped(simulation, poses))
+        bad, aside, gained = "held", "pulled", max(0.0, *(one["gained"] for one in found))
+    else:
+        found = list(thrown(simulation, pair.size, poses))
+        bad, aside, gained = "through", "beyond", None
+    bad_ones, aside_ones = ([one["pose"] for one in found if one[key]] for key in (bad, aside))
+    return told | {"bad": bad_ones, "aside": [pose for pose in aside_ones if pose not in bad_ones], "gained": gained}
+
+
+def text(told: dict[str, Any]) -> str:
+    parts = [headline(told)]
+    for what, heads in (
+        ("half", ("overlapped by half", "method", "poses", "held", "apart when pulled", "gained [J]")),
+        ("throw", ("thrown at 20 m/s", "method", "poses", "went through", "went round", "")),
+    ):
+        own = [one for one in told["rows"] if one["what"] == what]
+        if own:
+            lines = [
+                (named(one), one["method"], one["poses"], len(one["bad"]), len(one["aside"]),
+                 "" if one["gained"] is None else one["gained"])
+                for one in own
+            ]  # fmt: skip
+            bad, poses = sum(len(one["bad"]) for one in own), sum(one["poses"] for one in own)
+            parts += [table(heads, lines), f"{counted(poses, 'pose')}, {bad} {heads[3]}"]
+    return "\n".join(parts + ["interrupted"] * told["interrupted"])
+
+
+def named(one: dict[str, Any]) -> str:
+    name = f"{one['one']}, {one['other']}" if one["what"] == "half" else f"{one['one']} of {one['size']:g} m"
+    return name if one["what"] == "half" else f"{name}, {one['stiffness']:g} N/m"
+
+
+def rows(told: dict[str, Any]) -> list[dict[str, Any]]:
+    lists = ("bad", "aside")
+    return [one | {key: " ".join(map(str, one[key])) for key in lists} for one in told["rows"]]
+
+
+def plot(told: dict[str, Any], path: Path) -> None:
+    """A bar for each pair: which share of the poses ended how."""
+    figure = new_figure(9.0, 1.5 + 0.17 * len(told["rows"]))
+    axes = figure.add_subplot()
+    for place, one in enumerate(told["rows"]):
+        bad, aside = (len(one[key]) / one["poses"] for key in ("bad", "aside"))
+        left = 0.0
+        for share, color in ((bad, "#d0392b"), (aside, "#e0b040"), (1.0 - bad - aside, "#2f8a50")):
+            axes.barh(place, share, 0.8, left, color=color)
+            left += share
+    axes.set_yticks(range(len(told["rows"])), [named(one) for one in told["rows"]], fontsize=7)
+    axes.set(xlim=(0.0, 1.0), ylim=(len(told["rows"]) - 0.4, -0.6), xlabel="share of the poses")
+    axes.spines[:].set_visible(False)
+    figure.suptitle(
+        "Overlapped by half: apart by themselves (green), when pulled (yellow), held (red)\n"
+        "Thrown at 20 m/s: come back (green), gone round (yellow), gone through (red)",
+        fontsize=9,
+    )
+    save_figure(figure, path)
