@@ -15,6 +15,12 @@ def thicknesses(way: np.ndarray, skinned: np.ndarray, spacing: np.ndarray) -> np
     return np.where(skinned, np.maximum(through - spacing, 0.5 * through), through)
 
 
+def cores(thick: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    """(C,) [m]: how deep the core begins of what is `thick` (C,) [m] and has points a `gap` (C,) [m] apart: what comes
+    in between two of them is up to half of that deeper than they are."""
+    return CORE * (thick - 0.5 * np.minimum(gap, thick))
+
+
 def convex(rest: np.ndarray, cells: np.ndarray) -> bool:
     """Whether halfway between any two of the cells (C, 8) of a body there is a cell: asked of PAIRS of them, as far
     apart as chance makes them."""

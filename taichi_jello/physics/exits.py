@@ -12,7 +12,6 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.boxes import TINY
-from taichi_jello.physics.cores import CORE
 from taichi_jello.physics.elements import nearer
 from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.state import Memory
@@ -39,7 +38,7 @@ class Exits:
         self.start = memory.table(title, "starts of exits", touching.start)
         self.way = memory.table(title, "ways to them", touching.way)
         self.inner = memory.table(title, "inner neighbours", touching.inner)
-        self.core = memory.table(title, "cores of cells", CORE * touching.thick)
+        self.core = memory.table(title, "cores of cells", touching.core)
         self.some_convex = bool(np.count_nonzero(touching.convex) > 1)
         if self.some_convex:
             self.convex = memory.table(title, "convex", touching.convex.astype(np.int32))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichi_jello.body import Body
-from taichi_jello.physics.cores import convex, hearts, thicknesses
+from taichi_jello.physics.cores import convex, cores, hearts, thicknesses
 from taichi_jello.physics.forces.skin_contact import shares
 
 FAR = 1e30  # m
@@ -29,10 +29,10 @@ class Touching:
     the undeformed body, none at an infinite distance; zero where the skin passes through the cell itself. Group g is
     the triangles[start[g]:start[g + 1]], (T, 3) of points, outward where they are a skin's.
     radius (J,) [m] of each jello, zero for solid ones; spacing (J,) [m] between its points.
-    thick (C,) [m]: how thick the undeformed body is around each cell; thickness (J,) [m]: the way through each jello,
-    through half of its cells if it is not convex, THIN times the radius of a thin one; convex (J,) bool: and stays so;
-    bent (J,): solid ones that are not, and keep their shape; sheet, rope (J,): sheets and ropes that do; loose (J,):
-    see law.loose;
+    thick, core (C,) [m]: how thick the undeformed body is around each cell, and how deep its core begins.
+    thickness (J,) [m]: the way through each jello, through half of its cells if it is not convex, THIN times the radius
+    of a thin one; convex (J,) bool: and stays so; bent (J,): solid ones that are not, and keep their shape; sheet, rope
+    (J,): sheets and ropes that do; loose (J,): see law.loose.
     hearts (J, 8): the corners of the cell in the middle of each solid one.
     """
 
@@ -51,6 +51,7 @@ class Touching:
     radius: np.ndarray
     spacing: np.ndarray
     thick: np.ndarray
+    core: np.ndarray
     thickness: np.ndarray
     convex: np.ndarray
     bent: np.ndarray
@@ -80,7 +81,8 @@ class Touching:
         )
         faces, owner, exits, way = ways_out(body.rest, body.cells)
         spacing, holder = _spacing(body, structural, jellos), body.jello[body.cells[:, 0]]
-        thick = thicknesses(way, body.embedded[body.cells[:, 0]], spacing[holder])
+        skinned = body.embedded[body.cells[:, 0]]
+        thick = thicknesses(way, skinned, spacing[holder])
         bare = np.unique(
             np.concatenate(
                 [
@@ -95,8 +97,8 @@ class Touching:
         start, triangles = np.arange(0, 2 * len(faces) + 1, 2), point_of[faces[:, HALVES]].reshape(-1, 3)
         if len(body.skin):
             which, length, first, members = skin_exits(body, owner, exits, way)
-            skinned = body.embedded[body.cells[:, :1]]
-            exits, way = np.where(skinned, len(faces) + which, exits), np.where(skinned, length, way)
+            within = skinned[:, None]
+            exits, way = np.where(within, len(faces) + which, exits), np.where(within, length, way)
             start = np.concatenate([start[:-1], len(triangles) + first])
             triangles = np.concatenate([triangles, len(bare) + body.skin[members]])
         radius = spacing * np.select([is_solid, is_sheet], [0.0, THICKNESS["sheet"]], THICKNESS["rope"])
@@ -124,6 +126,7 @@ class Touching:
             radius=radius,
             spacing=spacing,
             thick=thick,
+            core=cores(thick, np.where(skinned, 0.0, spacing[holder])),
             thickness=thickness,
             convex=is_convex & ~loose,
             bent=is_solid & ~is_convex & ~loose,
