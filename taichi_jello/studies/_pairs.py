@@ -1,7 +1,7 @@
 """Pairs of jellos put into each other, or thrown at each other, in poses drawn by chance; and what becomes of them."""
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -62,19 +62,15 @@ class Pair:
             return Simulation(Scene(gravity=(0.0, 0.0, 0.0), jello=made), method=method)
 
 
-def turned(simulation: Simulation, draw: np.random.Generator) -> list[Array]:
-    """The particles of both about their middles, each turned by chance."""
-    found = []
+def posed(simulation: Simulation, pose: int) -> tuple[Array, Array, Array]:
+    """By chance, the same for each number: the particles of both about their middles, each turned, and a way."""
+    draw, found = np.random.default_rng([SEED, pose]), []
     for j in (0, 1):
         rest = simulation.body.rest[simulation.body.jello == j]
         turn = np.linalg.qr(draw.standard_normal((3, 3)))[0]
         found.append((rest - rest.mean(0)) @ turn.T * np.sign(np.linalg.det(turn)))
-    return found
-
-
-def direction(draw: np.random.Generator) -> Array:
     way = draw.standard_normal(3)
-    return way / np.linalg.norm(way)
+    return found[0], found[1], way / np.linalg.norm(way)
 
 
 def go_on(simulation: Simulation, seconds: float) -> None:
@@ -92,13 +88,13 @@ def apart(simulation: Simulation, sheets: Sheets) -> bool:
     return simulation.energies()["contact"] == 0.0 and sheets.cut(simulation.x.astype(float)) == 0
 
 
-def overlapped(simulation: Simulation, poses: int) -> Iterator[Row]:
+def overlapped(simulation: Simulation, poses: Iterable[int]) -> Iterator[Row]:
     """Each pose with half of the lesser of both extents along a way by chance within the other: whether they come
     apart by themselves, or pulled at 1 m/s, and how much energy [J] is more in the end than it was."""
-    draw, first = np.random.default_rng(SEED), (simulation.body.jello == 0)[:, None]
+    first = (simulation.body.jello == 0)[:, None]
     sheets = Sheets(simulation.body)
-    for pose in range(poses):
-        (low, high), way = turned(simulation, draw), direction(draw)
+    for pose in poses:
+        low, high, way = posed(simulation, pose)
         overlap = 0.5 * min(np.ptp(low @ way), np.ptp(high @ way))
         high = high + way * ((low @ way).max() - (high @ way).min() - overlap)
         x = np.concatenate([low, high])
@@ -116,13 +112,13 @@ def overlapped(simulation: Simulation, poses: int) -> Iterator[Row]:
         yield told | {"held": not apart(simulation, sheets)}
 
 
-def thrown(simulation: Simulation, size: float, poses: int) -> Iterator[Row]:
+def thrown(simulation: Simulation, size: float, poses: Iterable[int]) -> Iterator[Row]:
     """The first thrown at the second at 20 m/s, middle at middle, from 2 sizes away: whether it is beyond it in the
     end; and if it is, whether it has gone through it, not round it."""
-    draw, first = np.random.default_rng(SEED), (simulation.body.jello == 0)[:, None]
+    first = (simulation.body.jello == 0)[:, None]
     end = AFTER + 4.0 * size / SPEED
-    for pose in range(poses):
-        (low, high), way = turned(simulation, draw), direction(draw)
+    for pose in poses:
+        low, high, way = posed(simulation, pose)
         start = Snapshot(0.0, np.concatenate([low - 2.0 * size * way, high]), first * SPEED * way)
         simulation.restore(start)
         go_on(simulation, end)
