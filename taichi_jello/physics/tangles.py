@@ -109,7 +109,8 @@ class Tangles:
         place = np.concatenate([x[touching.points[: touching.bare]], self.body.skin_points(x)]).astype(float)
         found: list[Iterable[tuple[np.ndarray, int, np.ndarray]]] = []
         if self.threads and close:
-            found.append(self.threads.ways_off(x, place, close))
+            leaving = np.where(self.now[2].any(1), self.now[1], 0) - 1
+            found.append(self.threads.ways_off(x, place, close, leaving))
         if touched is not None:
             found.append(ways_apart(touching, jello, x, place, touched))
         if hits is not None:

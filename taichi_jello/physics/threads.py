@@ -1,7 +1,6 @@
 """Ropes that go through solids: found by the places where they enter and leave, and their way out (NumPy only)."""
 
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -36,13 +35,18 @@ class Threads:
         return [(a, b) for a in self.ropes for b in self.solids if meet(*boxes[a], *boxes[b]).all()]
 
     def ways_off(
-        self, x: np.ndarray, place: np.ndarray, close: list[tuple[Any, Any]]
+        self, x: np.ndarray, place: np.ndarray, close: list[tuple[Any, Any]], leaving: np.ndarray
     ) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
         """For each rope that goes through a solid, of those that are `close`, and for both: which points (Q,) bool, at
         `place` (Q, 3), are to leave which other jello, and along which way (3,). Both part as wholes: where a rope goes
-        through, what is around has no side that is nearer."""
+        through, what is around has no side that is nearer. leaving (Q,): the jello that a point was to leave until now,
+        -1 for none; such a rope is to leave until no part of it is within."""
         for rope, solid in close:
-            if passes(x[self.ropes[rope]].astype(float), place[self.solids[solid]], self.thickness[solid]):
+            ends = prolonged(x[self.ropes[rope]].astype(float))
+            corners = place[self.solids[solid]]
+            found = crossings(ends, corners)
+            begun = bool(np.any(leaving[self.whose == rope] == solid)) and len(found[0]) > 0
+            if begun or passes(ends, corners, self.thickness[solid], *found):
                 out = way_apart(x[self.jello == rope], x[self.jello == solid])
                 yield self.whose == rope, solid, out
                 yield self.whose == solid, rope, -out
@@ -59,30 +63,41 @@ def outward(touching: Touching, rest: np.ndarray) -> np.ndarray:
     return np.concatenate([bare, np.unique(skin, axis=0)])
 
 
-def passes(ends: np.ndarray, corners: np.ndarray, thick: float) -> bool:
-    """Whether a rope whose segments, in order, have `ends` (S, 2, 3) goes through what has the triangles with `corners`
-    (T, 3, 3) and is `thick` [m]: enters it by one side, leaves it by another that faces the other way, and is deep in
-    it between. (One that is wound tightly round a bar does the same, but near its face.) What ends just before it would
-    leave counts, too: a rope is taken to go on for half a segment."""
+def prolonged(ends: np.ndarray) -> np.ndarray:
+    """A rope whose segments have `ends` (S, 2, 3), with half of a segment more at both ends: what ends just before it
+    would leave is through, too."""
     ends = ends.copy()
     ends[0, 0] += HALF * (ends[0, 0] - ends[0, 1])
     ends[-1, 1] += HALF * (ends[-1, 1] - ends[-1, 0])
+    return ends
+
+
+def crossings(ends: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where a rope whose segments, in order, have `ends` (S, 2, 3) goes through the triangles with `corners` (T, 3, 3),
+    from its beginning on: along (K,), how many segments are before it; enters (K,) bool, or leaves; normal (K, 3)."""
     rope = ends.reshape(-1, 3)
     near = corners[meet(corners.min(1), corners.max(1), rope.min(0), rope.max(0)).all(1)]
     segment, triangle = np.nonzero(goes_through(ends, near))
-    if len(segment) < 2:
-        return False
     p, q = np.moveaxis(ends[segment], 1, 0)
     a, b, c = np.moveaxis(near[triangle], 1, 0)
     where, normal = pierced(a, b, c, p, q)
     along = segment + np.linalg.norm(where - p, axis=1) / np.linalg.norm(q - p, axis=1)
-    enters, order = np.einsum("kd,kd->k", q - p, normal) < 0.0, np.argsort(along)
-    for k, n in pairwise(order):
-        if enters[k] and not enters[n] and normal[k] @ normal[n] < AGAINST:
-            inside = at(ends, np.linspace(along[k], along[n], SAMPLES))
+    order = np.argsort(along)
+    return along[order], np.einsum("kd,kd->k", q - p, normal)[order] < 0.0, normal[order]
+
+
+def passes(
+    ends: np.ndarray, corners: np.ndarray, thick: float, along: np.ndarray, enters: np.ndarray, normal: np.ndarray
+) -> bool:
+    """Whether a rope with these `crossings` goes through what is `thick` [m]: enters it by one side, leaves it by
+    another that faces the other way, and is deep in it between. (One that is wound tightly round a bar does the same,
+    but near its face.)"""
+    for k in range(len(along) - 1):
+        if enters[k] and not enters[k + 1] and normal[k] @ normal[k + 1] < AGAINST:
+            inside = at(ends, np.linspace(along[k], along[k + 1], SAMPLES))
             length = np.linalg.norm(np.diff(inside, axis=0), axis=1).sum()
-            middle, reach = inside.mean(0), length
-            around = meet(corners.min(1), corners.max(1), middle - reach, middle + reach).all(1)
+            low, high = inside.mean(0) - length, inside.mean(0) + length
+            around = meet(corners.min(1), corners.max(1), low, high).all(1)
             if distances(inside, corners[around]).max() > DEEP * min(length, thick):
                 return True
     return False

@@ -1,0 +1,105 @@
+"""Ropes that go through solids come apart from them; ropes that are wound round them stay."""
+
+import numpy as np
+import pytest
+
+from taichi_jello import Box, Pin, Ring, Rope, Scene, Sheet, Simulation, runtime
+from taichi_jello.assembly import assembled
+from taichi_jello.physics.threads import Threads, at, crossings, distances, outward, passes, prolonged
+from taichi_jello.physics.touching import Touching
+from taichi_jello.studies._pairs import Pair, overlapped
+
+CUBE = Box(points=(2, 2, 2), size=(1.0, 1.0, 1.0))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi(request):
+    runtime.start(request.config.getoption("--arch"), "f32")
+
+
+def tangles(simulation):
+    return next(force for force in simulation.system.all_forces if force.title == "touch").contacts.tangles
+
+
+@pytest.mark.parametrize(("other", "poses"), [("slab", (5, 12, 16, 22)), ("ring", (7, 18, 22)), ("rabbit", (0,))])
+def test_a_rope_that_goes_through_comes_apart(other, poses):
+    """By the nearest faces alone all of these stayed in each other, and did not come free when pulled."""
+    simulation = Pair("rope", other).simulation("rk4")
+    for told in overlapped(simulation, poses):
+        assert not told["pulled"] and told["gained"] < 2.0, told
+
+
+@pytest.mark.parametrize("mass", [0.3, 3.0])
+def test_a_rope_round_a_bar_is_left_alone(mass):
+    """Its axis goes in by one side of the bar and out by the other, under the upper face; the heavy one's deeper."""
+    rope = Rope(points=24, length=2.0, mass=mass, damping=0.1, stiffness=3000.0, position=(0.0, 0.4, 0.0))
+    bar = Box(points=(3, 3, 10), size=(0.2, 0.2, 1.0), position=(0.0, 0.2, 0.0), pin=[Pin()])
+    simulation = Simulation(Scene(jello=[rope, bar]), method="rk4")
+    for _ in range(60):
+        simulation.frame()
+        assert not tangles(simulation).tangled
+    low, high = np.sort(simulation.x[:24, 1])[[0, -1]]
+    assert low < -0.3 and 0.3 <= high < 0.4  # it hangs over the upper face, at 0.3
+
+
+def test_what_holds_one_jello_is_firm_towards_others():
+    """A rope is through one cube and lies beside another one: only in the first it is soft."""
+    rope = Rope(points=12, length=1.5, rotation=(0.0, 0.0, 90.0))
+    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[rope, CUBE, Box(points=(2, 2, 2), position=(1.1, 0.0, 0.0))])
+    simulation = Simulation(scene, method="rk4")
+    with pytest.warns(UserWarning, match="overlap|inside|within|deep"):
+        simulation.frame()
+    found = tangles(simulation)
+    cut, beside, way = found.now
+    whose = simulation.body.jello[found.near.touching.points]
+    assert (beside[whose == 0] == 2).all() and (beside[whose == 1] == 1).all()
+    assert (beside[whose == 2] == 0).all() and (cut[whose == 2] < 0.0).all()
+    assert way[whose == 0] == pytest.approx(-way[whose == 1][:1].repeat(12, 0))
+
+
+def test_a_rope_passes_if_it_is_deep_between_two_sides():
+    body = assembled(Scene(jello=[CUBE, Rope(points=4, length=3.0, position=(0.0, 5.0, 0.0))]))
+    touching = Touching.of(body, np.zeros(2, bool))
+    corners = body.rest[touching.points[outward(touching, body.rest)]]
+
+    def rope(*places):
+        ends = prolonged(np.stack([places[:-1], places[1:]], 1).astype(float))
+        return passes(ends, corners, 1.0, *crossings(ends, corners))
+
+    assert len(corners) == 12
+    assert rope((-1, 0.1, 0.2), (1, 0.1, 0.2)) and rope((-1, 0.1, 0.2), (-0.2, 0.1, 0.2), (0.3, 0, 0), (1, 0.1, 0.2))
+    assert not rope((-1, 0.45, 0.2), (1, 0.45, 0.2))  # near its face
+    assert not rope((-1, 0.1, 0.2), (0, 0.1, 0.2))  # ends within, far from where it would leave
+    assert rope((-1, 0.1, 0.2), (-0.2, 0.1, 0.2), (0.4, 0.1, 0.2))  # just before it would leave
+    assert not rope((-1, 0.1, 0.2), (0, 0.1, 0.2), (0, 1, 0.1))  # in by one side, out by one beside it
+    assert not rope((-1, 0.6, 0.2), (1, 0.6, 0.2))
+
+
+def test_triangles_are_seen_from_outside():
+    body = assembled(Scene(jello=[Ring(), Rope()]))
+    touching = Touching.of(body, np.zeros(2, bool))
+    corners = body.rest[touching.points[outward(touching, body.rest)]]
+    # Gauss: the volume within, that of the bar's cells with their flat sides.
+    volume = np.einsum("td,td->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0
+    n, radius, thickness = 24, 0.5, 0.25
+    assert volume == pytest.approx(n * np.sin(2.0 * np.pi / n) * radius * thickness**2, rel=1e-9)
+
+
+def test_distances_to_a_triangle():
+    triangle = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]])
+    places = np.array([(0.2, 0.2, 0.3), (0.5, -0.4, 0.3), (-0.3, -0.4, 0.0), (1.0, 1.0, 0.0)])  # over it, edges, corner
+    for corners in (triangle, triangle[:, ::-1]):
+        assert distances(places, corners) == pytest.approx([0.3, 0.5, 0.5, 0.5**0.5])
+    ends = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[1.0, 0.0, 0.0], [1.0, 2.0, 0.0]]])
+    assert at(ends, np.array([0.5, 1.25, 2.0])).tolist() == [[0.5, 0.0, 0.0], [1.0, 0.5, 0.0], [1.0, 2.0, 0.0]]
+
+
+def test_only_ropes_beside_solids_are_looked_for():
+    def made(*jello):
+        return Simulation(Scene(jello=list(jello)), method="rk4")
+
+    far = Rope(points=4, length=1.0, position=(0.0, 3.0, 0.0))
+    found = tangles(made(far, CUBE))
+    assert isinstance(found.threads, Threads) and not found.has_sheets and not found.has_bent
+    assert found.threads.close(found.body.x) == []
+    assert tangles(made(Rope(), Sheet(points=(3, 3)))).threads is None and tangles(made(Rope(), far)) is None
