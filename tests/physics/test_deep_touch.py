@@ -11,6 +11,7 @@ from taichi_jello.physics.approach import PART, Approach
 from taichi_jello.physics.brake import BOUNCE
 from taichi_jello.physics.touching import Touching
 from taichi_jello.sceneio import demos
+from taichi_jello.studies._pairs import Pair, thrown
 
 WEIGHTLESS = {"gravity": (0.0, 0.0, 0.0)}
 
@@ -54,6 +55,13 @@ def test_stiff_and_thin_ones_do_not_pass_at_twenty_metres_a_second(small):
     assert small.body.mass @ small.v == pytest.approx(momentum, abs=1e-4 * 20.0)
     still, moving = (small.v[small.body.jello == j, 0].mean() for j in (0, 1))
     assert moving < still - 1.0  # apart again
+
+
+@pytest.mark.parametrize(("name", "size", "poses"), [("rope", 0.1, range(6)), ("bar", 1.0, (6,))])
+def test_what_is_thin_and_soft_does_not_pass_either(name, size, poses):
+    """Ropes went through each other in 5 of these 6 throws, bars between their points, far apart on thin bars."""
+    simulation = Pair(name, name, size).simulation("auto")
+    assert not any(told["through"] for told in thrown(simulation, size, poses))
 
 
 def test_parts_are_as_many_as_the_way_asks_for():

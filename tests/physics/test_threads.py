@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from taichi_jello import Box, Pin, Ring, Rope, Scene, Sheet, Simulation, runtime
+from taichi_jello import Box, Pin, Ring, Rope, Scene, Sheet, Simulation, Snapshot, runtime
 from taichi_jello.assembly import assembled
-from taichi_jello.physics.threads import Threads, at, crossings, distances, outward, passes, prolonged
+from taichi_jello.physics.threads import AGAINST, Threads, at, crossings, distances, outward, passes, prolonged
 from taichi_jello.physics.touching import Touching
-from taichi_jello.studies._pairs import Pair, overlapped
+from taichi_jello.studies._pairs import Pair, go_on, overlapped, posed
 
 CUBE = Box(points=(2, 2, 2), size=(1.0, 1.0, 1.0))
 
@@ -21,7 +21,7 @@ def tangles(simulation):
     return next(force for force in simulation.system.all_forces if force.title == "touch").contacts.tangles
 
 
-@pytest.mark.parametrize(("other", "poses"), [("slab", (5, 12, 16, 22)), ("ring", (7, 18, 22)), ("rabbit", (0,))])
+@pytest.mark.parametrize(("other", "poses"), [("slab", (5, 12, 16, 22)), ("ring", (7, 18, 22)), ("rabbit", (3,))])
 def test_a_rope_that_goes_through_comes_apart(other, poses):
     """By the nearest faces alone all of these stayed in each other, and did not come free when pulled."""
     simulation = Pair("rope", other).simulation("rk4")
@@ -29,17 +29,22 @@ def test_a_rope_that_goes_through_comes_apart(other, poses):
         assert not told["pulled"] and told["gained"] < 2.0, told
 
 
-@pytest.mark.parametrize("mass", [0.3, 3.0])
-def test_a_rope_round_a_bar_is_left_alone(mass):
-    """Its axis goes in by one side of the bar and out by the other, under the upper face; the heavy one's deeper."""
-    rope = Rope(points=24, length=2.0, mass=mass, damping=0.1, stiffness=3000.0, position=(0.0, 0.4, 0.0))
+def test_a_rope_round_a_bar_is_left_alone():
+    """Its axis goes in by one side of the bar and out by the other, near the upper face."""
+    rope = Rope(points=24, length=2.0, mass=3.0, damping=0.1, stiffness=3000.0, position=(0.0, 0.4, 0.0))
     bar = Box(points=(3, 3, 10), size=(0.2, 0.2, 1.0), position=(0.0, 0.2, 0.0), pin=[Pin()])
     simulation = Simulation(Scene(jello=[rope, bar]), method="rk4")
-    for _ in range(60):
+    found, across = tangles(simulation), 0
+    points = found.near.touching.points
+    for _ in range(120):
         simulation.frame()
-        assert not tangles(simulation).tangled
+        assert not found.tangled
+        x = simulation.x.astype(float)
+        _, enters, normal = crossings(x[found.threads.ropes[0]], x[points[found.threads.solids[1]]])
+        across += np.any((normal[:-1] * normal[1:]).sum(1)[enters[:-1] & ~enters[1:]] < AGAINST)
+    assert across > 0
     low, high = np.sort(simulation.x[:24, 1])[[0, -1]]
-    assert low < -0.3 and 0.3 <= high < 0.4  # it hangs over the upper face, at 0.3
+    assert low < 0.0 and 0.3 <= high < 0.45  # it hangs over the upper face, at 0.3
 
 
 def test_what_holds_one_jello_is_firm_towards_others():
@@ -47,8 +52,8 @@ def test_what_holds_one_jello_is_firm_towards_others():
     rope = Rope(points=12, length=1.5, rotation=(0.0, 0.0, 90.0))
     scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[rope, CUBE, Box(points=(2, 2, 2), position=(1.1, 0.0, 0.0))])
     simulation = Simulation(scene, method="rk4")
-    with pytest.warns(UserWarning, match="overlap|inside|within|deep"):
-        simulation.frame()
+    simulation.frame()
+    simulation.energies()
     found = tangles(simulation)
     cut, beside, way = found.now
     whose = simulation.body.jello[found.near.touching.points]
@@ -57,22 +62,39 @@ def test_what_holds_one_jello_is_firm_towards_others():
     assert way[whose == 0] == pytest.approx(-way[whose == 1][:1].repeat(12, 0))
 
 
+def test_a_run_goes_on_to_the_same_bits_while_a_rope_is_led_out():
+    simulation = Pair("rope", "slab").simulation("rk4")
+    low, high, way = posed(simulation, 22)
+    x = np.concatenate([low, high + way * ((low @ way).max() - (high @ way).min() - 0.5 * np.ptp(high @ way))])
+    simulation.restore(Snapshot(0.0, x, np.zeros_like(x)))
+    go_on(simulation, 0.05)
+    middle = simulation.snapshot()
+    assert tangles(simulation).tangled and "tangle_way" in middle.memory
+    simulation.advance(0.2)
+    whole = simulation.snapshot()
+    simulation.reset()
+    simulation.frame()
+    simulation.restore(middle)
+    simulation.advance(0.2)
+    assert np.array_equal(simulation.x, whole.x) and np.array_equal(simulation.v, whole.v)
+
+
 def test_a_rope_passes_if_it_is_deep_between_two_sides():
     body = assembled(Scene(jello=[CUBE, Rope(points=4, length=3.0, position=(0.0, 5.0, 0.0))]))
     touching = Touching.of(body, np.zeros(2, bool))
-    corners = body.rest[touching.points[outward(touching, body.rest)]]
+    corners = body.x[touching.points[outward(touching, body.rest)]]
 
     def rope(*places):
         ends = prolonged(np.stack([places[:-1], places[1:]], 1).astype(float))
         return passes(ends, corners, 1.0, *crossings(ends, corners))
 
     assert len(corners) == 12
-    assert rope((-1, 0.1, 0.2), (1, 0.1, 0.2)) and rope((-1, 0.1, 0.2), (-0.2, 0.1, 0.2), (0.3, 0, 0), (1, 0.1, 0.2))
-    assert not rope((-1, 0.45, 0.2), (1, 0.45, 0.2))  # near its face
-    assert not rope((-1, 0.1, 0.2), (0, 0.1, 0.2))  # ends within, far from where it would leave
-    assert rope((-1, 0.1, 0.2), (-0.2, 0.1, 0.2), (0.4, 0.1, 0.2))  # just before it would leave
-    assert not rope((-1, 0.1, 0.2), (0, 0.1, 0.2), (0, 1, 0.1))  # in by one side, out by one beside it
-    assert not rope((-1, 0.6, 0.2), (1, 0.6, 0.2))
+    assert rope((-1, 0.1, 0.0), (1, 0.1, 0.0)) and rope((-1, 0.1, 0.0), (-0.2, 0.1, 0.0), (0.3, 0, 0), (1, 0.1, 0.0))
+    assert not rope((-1, 0.45, 0.0), (1, 0.45, 0.0))  # near its face
+    assert not rope((-1, 0.1, 0.0), (-0.4, 0.1, 0.0), (0, 0.1, 0.0))  # ends within, far from where it would leave
+    assert rope((-1, 0.1, 0.0), (-0.2, 0.1, 0.0), (0.4, 0.1, 0.0))  # just before it would leave
+    assert not rope((-1, 0.1, 0.0), (0, 0.1, 0.0), (0, 1, 0.1))  # in by one side, out by one beside it
+    assert not rope((-1, 0.6, 0.0), (1, 0.6, 0.0))
 
 
 def test_triangles_are_seen_from_outside():

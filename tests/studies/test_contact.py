@@ -1,0 +1,107 @@
+"""The study of contact: what it does with a pair, what it calls through, and what it tells."""
+
+import argparse
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from taichi_jello import Ball, Box, Contact, Rope, Scene, Sheet, Simulation, runtime
+from taichi_jello.assembly import assembled
+from taichi_jello.studies import contact
+from taichi_jello.studies._pairs import Pair, apart, overlapped, posed
+from taichi_jello.studies._report import write_csv
+from taichi_jello.studies._through import Lines, Sheets, Solids, segments_cross, share_inside, watched
+
+QUICK = {"quick": True, "quiet": True, "arch": "cpu", "threads": 1, "precision": "f32", "json": None, "method": None}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi(request):
+    runtime.start(request.config.getoption("--arch"), "f32")
+
+
+def two(jello, turn=(0.0, 0.0, 0.0)):
+    """Both about the world's origin, the second one turned."""
+    return assembled(Scene(jello=[jello, replace(jello, rotation=turn)]))
+
+
+def went(body, ways):
+    """What `watched` says of the second jello, on its ways (3,) one after the other, level in the step `level`."""
+    watch, second = watched(body), (body.jello == 1)[:, None]
+    for way, level in ways:
+        watch.look(body.x + second * np.array(way), level)
+    return watch.went
+
+
+def test_sheets_go_through_where_edges_are_cut_as_they_come_level():
+    body = two(Sheet(points=(3, 3)), turn=(90.0, 0.0, 20.0))
+    assert isinstance(watched(body), Sheets)
+    assert went(body, [((0.0, 0.1, 0.1), True)]) and not went(body, [((0.0, 0.1, 0.1), False)])
+    assert not went(body, [((0.0, 3.0, 0.0), True)])
+
+
+def test_ropes_and_rows_of_cells_go_through_if_their_lines_do_and_do_not_come_back():
+    for jello in (Rope(points=4, length=1.0), Box(points=(5, 2, 2), size=(1.0, 0.1, 0.1))):
+        body = two(jello, turn=(0.0, 80.0, 0.0))
+        assert isinstance(watched(body), Lines)
+        above, below, aside = (0.01, 0.3, 0.02), (0.01, -0.3, 0.02), (2.0, -0.3, 0.02)
+        assert went(body, [(above, False), (below, False)])
+        assert not went(body, [(above, False), (below, False), (above, False)])
+        assert not went(body, [(above, False), ((2.0, 0.3, 0.02), False), (aside, False), (below, False)])
+
+
+def test_solids_go_through_if_they_are_in_each_other_as_they_come_level():
+    body = two(Box(points=(4, 4, 4), size=(1.0, 1.0, 1.0)))
+    assert isinstance(watched(body), Solids) and isinstance(watched(two(Ball(radius=0.5, resolution=4))), Solids)
+    assert went(body, [((0.0, 0.3, 0.1), True)])
+    assert not went(body, [((0.0, 0.9, 0.1), True)])  # side by side, a tenth deep
+    x = body.x[body.jello == 0]
+    points = np.random.default_rng(1).uniform(-0.5, 1.5, (4000, 3)) + x.min(0)
+    inside = np.all((points > x.min(0)) & (points < x.max(0)), axis=1)
+    assert share_inside(points, x[body.cells[body.jello[body.cells[:, 0]] == 0]]) == pytest.approx(inside.mean())
+
+
+def test_the_sign_of_a_volume_changes_as_lines_cross():
+    one = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]])
+    for height in (0.1, -0.1):
+        volume, within = segments_cross(one, np.array([[[0.3, height, -1.0], [0.3, height, 1.0]]]))
+        assert volume[0, 0] == pytest.approx(-2.0 * height) and within[0, 0]
+    assert not segments_cross(one, np.array([[[1.1, 0.1, -1.0], [1.1, 0.1, 1.0]]]))[1][0, 0]
+
+
+def test_half_of_the_lesser_is_in_the_other_at_first():
+    simulation = Pair("box", "sheet").simulation("rk4")
+    low, high, way = posed(simulation, 3)
+    assert all(np.array_equal(a, b) for a, b in zip((low, high, way), posed(simulation, 3), strict=True))
+    assert np.linalg.norm(way) == pytest.approx(1.0) and not np.array_equal(way, posed(simulation, 4)[2])
+    (told,) = overlapped(simulation, [3])
+    assert told["pose"] == 3 and not told["held"] and told["gained"] < 1.0
+    sheets = Sheets(simulation.body)
+    assert apart(simulation, sheets)
+    simulation.reset()  # both at the world's origin
+    assert not apart(simulation, sheets)
+
+
+def test_what_is_held_and_what_passes_is_told(monkeypatch, tmp_path):
+    """With next to no contact a pair stays in each other until it is pulled; with none it passes."""
+
+    def blind(pair, method):
+        jello = [Box(points=(3, 3, 3), size=(pair.size,) * 3)] * 2
+        weak = Contact(stiffness=1e-6, touch=pair.size == 1.0)
+        return Simulation(Scene(gravity=(0.0, 0.0, 0.0), jello=jello, contact=weak), method="rk4")
+
+    monkeypatch.setattr(contact, "HALVES", [Pair("box", "box"), Pair("box", "rabbit")])
+    monkeypatch.setattr(contact, "THROWS", [Pair("box", "box", 0.5)])
+    monkeypatch.setattr(Pair, "simulation", blind)
+    told = contact.measure(argparse.Namespace(**QUICK))
+    half, throw = told["rows"]
+    assert half["bad"] == [] and half["aside"] == [0, 1, 2] and 0.0 <= half["gained"] < 1e-3
+    assert throw["bad"] == [0, 1, 2] and throw["aside"] == []
+    page = contact.text(told)
+    assert "3 poses, 0 held" in page and "3 poses, 3 went through" in page
+    assert "box of 0.5 m, 200 N/m" in page and "box, box" in page
+    write_csv(tmp_path / "x.csv", contact.rows(told))
+    assert "throw,box,box,0.5,200.0,rk4,3,0 1 2,," in (tmp_path / "x.csv").read_text()
+    contact.plot(told, tmp_path / "x.png")
+    assert (tmp_path / "x.png").stat().st_size > 10_000
