@@ -1,11 +1,12 @@
 """Jellos too weak for their own speed: what comes into the core of another one is braked as a whole.
 
 Springs of contact, however hard, stop only what touches. Where the springs behind that hold less energy than what comes
-has, the rest comes on through its own stopped front. So while points of one solid are in the core of another one, the
-two lose the speed at which they come at each other, as in an impact that is almost inelastic, and turn together as much
+has, the rest comes on through its own stopped front. So while points of one are in the core of another one, the two
+lose the speed at which they come at each other, as in an impact that is almost inelastic, and turn together as much
 as their momentum about each other then asks for: momentum and angular momentum stay as they are, energy only falls.
 """
 
+import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.boxes import TINY
@@ -13,20 +14,18 @@ from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.state import Memory
 
 BOUNCE = 0.1  # of the speed at which they came: with none, what was crushed may come apart on the other side
-SHEET, ROPE = 2, 3  # of sheets and of ropes, 1 of solids, 0 of others
 SLIM = 1e-4  # of a round body's inertia and mass: what has less does not turn
 
 
 @ti.data_oriented
 class Brake:
-    """deep[J a + b]: whether one of the jellos a and b is in a core of the other one; any[0]: whether any is. Solids
-    brake each other, and so do sheets, and ropes; what may melt or tear is not braked."""
+    """deep[J a + b]: whether one of the jellos a and b is in a core of the other one; any[0]: whether any is. What
+    may melt or tear is not braked."""
 
     def __init__(self, title: str, memory: Memory, near: Neighbours):
         self.near, self.jellos = near, near.jellos
         J, touching = near.jellos, near.touching
-        firm = touching.convex | touching.bent
-        self.kind = memory.table(title, "kinds of jellos", firm + SHEET * touching.sheet + ROPE * touching.rope)
+        self.firm = memory.table(title, "firm jellos", (~touching.loose).astype(np.int32))
         self.deep = memory.zeros(title, "pairs in a core", (J * J,), whole=True)
         self.any = memory.zeros(title, "any in a core", (1,), whole=True)
         names = ("centres", "speeds", "spins", "pushes", "turns")
@@ -48,7 +47,7 @@ class Brake:
     @ti.func
     def notice(self, a, b):
         """Jello a has a point in a core of jello b."""
-        if a != b and self.kind[a] == self.kind[b] and self.kind[a] > 0:
+        if a != b and ti.min(self.firm[a], self.firm[b]) > 0:
             self.deep[a * self.jellos + b] = self.deep[b * self.jellos + a] = self.any[0] = 1
 
     @ti.func

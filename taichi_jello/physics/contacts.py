@@ -18,7 +18,7 @@ from taichi_jello.physics.touching import AT_ONCE, FAR, Touching
 from taichi_jello.torn import still_there
 
 SLOTS = 16  # contacts of a point that are listed; if it has more, all contacts are looked through
-BETWEEN = 0.5  # times as deep as usual is the core that two ropes have
+BETWEEN = 0.5  # times as deep as usual is the core between a rope and a rope or sheet
 TINY = 1e-9  # m
 UP, SIDEWAYS = ti.Vector([0.0, 1.0, 0.0]), ti.Vector([1.0, 0.0, 0.0])
 LOAD = 2.0  # whole contacts that press on one point with full stiffness: its own and one that it is a corner of
@@ -59,12 +59,10 @@ class Contacts:
         self.place = memory.zeros(title, "places", (self.points, 3))
         self.can_tangle = others and (touching.has_sheets or touching.has_bent or touching.has_threads)
         self.tangles = Tangles(title, body, memory, self.near) if self.can_tangle else None
-        self.can_brake = (
-            others and max(map(np.sum, (touching.convex | touching.bent, touching.sheet, touching.rope))) > 1
-        )
+        self.can_brake = others and int(np.sum(~touching.loose)) > 1
         self.brake = Brake(title, memory, self.near) if self.can_brake else None
         self.can_thread = others and touching.has_threads
-        self.has_ropes = others and int(np.sum(touching.rope)) > 1
+        self.has_ropes = others and bool(touching.rope.any()) and int(np.sum(touching.rope | touching.sheet)) > 1
         if self.can_thread or self.has_ropes:
             self.is_rope = table("ropes", touching.rope.astype(np.int32))
         if self.has_solid:
@@ -219,8 +217,9 @@ class Contacts:
                 approach = ti.abs(self.difference(q, corners, weights, v).dot(n))
                 touches = distance < apart + ahead * approach
                 self.core[contact], self.share[contact] = 2.0 * CORE * apart, 1.0
-                if ti.static(self.has_ropes):  # they may cross between points, half of a segment from the nearest
-                    self.core[contact] *= ti.select(self.is_rope[own] + self.is_rope[other] == 2, BETWEEN, 1.0)
+                if ti.static(self.has_ropes):  # noqa: SIM102 - they may cross between points, far from the nearest
+                    if ti.min(self.near.radius[own], self.near.radius[other]) > 0.0:
+                        self.core[contact] *= ti.select(self.is_rope[own] + self.is_rope[other] > 0, BETWEEN, 1.0)
                 self.tell(own, other, apart - distance, self.core[contact])
                 if ti.static(self.can_tangle):
                     n, self.share[contact] = self.tangles.turned(q, other, n, distance, apart)

@@ -56,32 +56,34 @@ class Lines:
 
 
 class Solids:
-    """went: whether more than OVERLAP of the cells of one had their middles in the other as both came level."""
+    """went: whether more than OVERLAP of one, of the middles of its cells or the points of a rope, was in the cells of
+    the other one as both came level."""
 
-    def __init__(self, cells: list[Array]):
-        """cells (C, 8): of each."""
-        self.cells, self.went = cells, False
+    def __init__(self, body: Body, cells: list[Array]):
+        """cells (C, 8): of each, none of a rope."""
+        self.body, self.cells, self.went = body, cells, False
 
     def look(self, x: Array, level: bool) -> None:
         if level:
-            one, other = self.cells
-            self.went = max(share_inside(x[a].mean(1), x[b]) for a, b in ((one, other), (other, one))) > OVERLAP
+            parts = [x[own].mean(1) if len(own) else x[self.body.jello == j] for j, own in enumerate(self.cells)]
+            shares = [share_inside(parts[1 - j], x[own]) for j, own in enumerate(self.cells) if len(own)]
+            self.went = max(shares) > OVERLAP
 
 
 def watched(body: Body) -> Sheets | Lines | Solids:
-    """What tells whether two jellos of one kind go through each other: its `look` is called with the particles (N, 3)
-    after each step, and with whether their middles have come level in it."""
+    """What tells whether two jellos go through each other: its `look` is called with the particles (N, 3) after each
+    step, and with whether their middles have come level in it."""
     touching = Touching.of(body, np.zeros(2, bool))
-    if touching.sheet.all():
+    if touching.sheet.any():
         return Sheets(body)
-    if touching.rope.all():
-        springs = body.springs[body.family == 0]
-        ropes = [springs[body.jello[springs[:, 0]] == j] for j in (0, 1)]
-        return Lines(lambda x: [x[rope] for rope in ropes])
-    cells = [body.cells[body.jello[body.cells[:, 0]] == j] for j in (0, 1)]
-    if all(len(np.intersect1d(a, b)) == 4 for own in cells for a, b in pairwise(own)):
-        return Lines(lambda x: [joined(x[own].mean(1)) for own in cells])
-    return Solids(cells)
+    springs, owner = body.springs[body.family == 0], body.jello[body.cells[:, 0]]
+    ropes = [springs[body.jello[springs[:, 0]] == j] for j in (0, 1)]
+    cells = [body.cells[owner == j] for j in (0, 1)]
+    rows = [all(len(np.intersect1d(a, b)) == 4 for a, b in pairwise(own)) for own in cells]
+    if all(rows):
+        pairs = list(zip(touching.rope, ropes, cells, strict=True))
+        return Lines(lambda x: [x[rope] if is_rope else joined(x[own].mean(1)) for is_rope, rope, own in pairs])
+    return Solids(body, cells)
 
 
 def joined(middle: Array) -> Array:

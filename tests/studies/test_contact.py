@@ -56,6 +56,10 @@ def test_solids_go_through_if_they_are_in_each_other_as_they_come_level():
     assert isinstance(watched(body), Solids) and isinstance(watched(two(Ball(radius=0.5, resolution=4))), Solids)
     assert went(body, [((0.0, 0.3, 0.1), True)])
     assert not went(body, [((0.0, 0.9, 0.1), True)])  # side by side, a tenth deep
+    rope = Rope(points=4, length=1.2, rotation=(0.0, 30.0, 0.0))
+    body_of = assembled(Scene(jello=[rope, Box(points=(4, 4, 4), size=(1.0, 1.0, 1.0))]))
+    assert isinstance(watched(body_of), Solids)
+    assert went(body_of, [((0.0, 0.3, 0.1), True)]) and not went(body_of, [((0.0, 0.6, 0.1), True)])
     x = body.x[body.jello == 0]
     points = np.random.default_rng(1).uniform(-0.5, 1.5, (4000, 3)) + x.min(0)
     inside = np.all((points > x.min(0)) & (points < x.max(0)), axis=1)
@@ -100,7 +104,7 @@ def test_what_is_held_and_what_passes_is_told(monkeypatch, tmp_path):
     assert throw["bad"] == [0, 1, 2] and throw["aside"] == []
     page = contact.text(told)
     assert "3 poses, 0 held" in page and "3 poses, 3 went through" in page
-    assert "box of 0.5 m, 200 N/m" in page and "box, box" in page
+    assert "box, box, 0.5 m, 200 N/m" in page and "box, box" in page
     write_csv(tmp_path / "x.csv", contact.rows(told))
     assert "throw,box,box,0.5,200.0,rk4,3,0 1 2,," in (tmp_path / "x.csv").read_text()
     contact.plot(told, tmp_path / "x.png")
