@@ -19,6 +19,7 @@ from taichi_jello.torn import still_there
 
 SLOTS = 16  # contacts of a point that are listed; if it has more, all contacts are looked through
 BETWEEN = 0.5  # times as deep as usual is the core between a rope and a rope or sheet
+LATE = 1.5  # times as deep as a core has to be what comes too near to a thin body for both to be braked as wholes
 TINY = 1e-9  # m
 UP, SIDEWAYS = ti.Vector([0.0, 1.0, 0.0]), ti.Vector([1.0, 0.0, 0.0])
 LOAD = 2.0  # whole contacts that press on one point with full stiffness: its own and one that it is a corner of
@@ -220,7 +221,7 @@ class Contacts:
                 if ti.static(self.has_ropes):  # noqa: SIM102 - they may cross between points, far from the nearest
                     if ti.min(self.near.radius[own], self.near.radius[other]) > 0.0:
                         self.core[contact] *= ti.select(self.is_rope[own] + self.is_rope[other] > 0, BETWEEN, 1.0)
-                self.tell(own, other, apart - distance, self.core[contact])
+                self.tell(own, other, apart - distance, LATE * self.core[contact])
                 if ti.static(self.can_tangle):
                     n, self.share[contact] = self.tangles.turned(q, other, n, distance, apart)
             self.apart[contact] = apart

@@ -16,9 +16,9 @@ def thicknesses(way: np.ndarray, skinned: np.ndarray, spacing: np.ndarray) -> np
 
 
 def cores(thick: np.ndarray, gap: np.ndarray) -> np.ndarray:
-    """(C,) [m]: how deep the core begins of what is `thick` (C,) [m] and has points a `gap` (C,) [m] apart: what comes
-    in between two of them is up to half of that deeper than they are."""
-    return CORE * (thick - 0.5 * np.minimum(gap, thick))
+    """(C,) [m]: how deep the core begins of what is `thick` (C,) [m] and has points a `gap` (C,) [m] apart: of what
+    comes in between points that are farther apart than half of the thickness these are less deep."""
+    return CORE * (thick - np.clip(gap - 0.5 * thick, 0.0, 0.5 * thick))
 
 
 def convex(rest: np.ndarray, cells: np.ndarray) -> bool:
