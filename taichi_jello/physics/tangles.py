@@ -10,8 +10,6 @@ the least way that leads what is around of one out of what is around of the othe
 parts from it as a whole.
 """
 
-from collections.abc import Iterable
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -30,7 +28,7 @@ SOFT = 0.05  # times as hard as usual is contact around a cut
 FIRM = 0.1  # s in which it grows e times harder again when the cut is gone
 TURNED = 0.5  # the cosine beyond which a side leads against the way
 DEEP = 0.3  # of the way to a core: as deep as what holds each other is
-BENT = 2  # of solids that are not convex, 1 of convex ones, 0 of others
+CONVEX, BENT, ROPE = 1, 2, 3  # solids that are convex, or not, and ropes; 0: others
 NEVER = -1e30  # s
 TANGLE = "tangle_"  # begins their names in a snapshot's memory
 HELD, NAMES = f"{TANGLE}held", tuple(f"{TANGLE}{name}" for name in ("time", "beside", "way"))
@@ -54,11 +52,13 @@ class Tangles:
         self.soft = memory.table(title, "softness", np.ones(self.count))
         self.beside = memory.zeros(title, "jellos to leave", (self.count,), whole=True)
         self.way = memory.zeros(title, "ways to leave them", (self.count, 3))
-        if self.has_bent:
-            self.kind = memory.table(title, "what can hold", np.where(touching.bent, BENT, touching.convex.astype(int)))
+        self.threads = Threads(touching, body) if touching.has_threads else None
+        self.has_holds = self.has_bent or touching.has_threads
+        if self.has_holds:
+            kinds = CONVEX * touching.convex + BENT * touching.bent + ROPE * touching.rope
+            self.kind = memory.table(title, "what can hold", kinds.astype(np.int32))
             self.deep = memory.zeros(title, "any so deep that it may be held", (1,), whole=True)
             self.looked = False  # at `deep` for the frame that has just begun
-        self.threads = Threads(touching, body) if touching.has_threads else None
         self.number = memory.number
         self.now = self._none()
 
@@ -73,7 +73,7 @@ class Tangles:
     def remembered(self) -> dict[str, np.ndarray]:
         """What a snapshot has to hold."""
         told = dict(zip(NAMES, self.now, strict=True)) if self.tangled else {}
-        return told | ({HELD: np.array(1)} if self.has_bent and self.deep[0] else {})
+        return told | ({HELD: np.array(1)} if self.has_holds and self.deep[0] else {})
 
     def recall(self, memory: dict[str, np.ndarray], start: float) -> None:
         """Be as a snapshot remembers, in the frame that begins at `start` [s]."""
@@ -81,12 +81,12 @@ class Tangles:
         if all(name in memory and memory[name].shape == none.shape for name, none in zip(NAMES, values, strict=True)):
             values = memory[NAMES[0]], memory[NAMES[1]], memory[NAMES[2]]
         self._put(*values, start)
-        if self.has_bent:
+        if self.has_holds:
             self.deep[0], self.looked = int(HELD in memory), False
 
     def begin(self) -> None:
         """The first step of a frame follows."""
-        if self.has_bent and self.looked:
+        if self.has_holds and self.looked:
             self.deep[0], self.looked = 0, False
 
     def _put(self, cut: np.ndarray, beside: np.ndarray, way: np.ndarray, start: float) -> None:
@@ -99,25 +99,28 @@ class Tangles:
 
     def look_over(self, system: Any, contacts: Any, x: np.ndarray, start: float) -> None:
         """Find what holds what as the frame begins, at `start` [s], with the particles at x (N, 3) [m]."""
+        deep = bool(self.has_holds and self.deep[0])
+        self.looked = True
         hits = self._crossed(system) if self.has_sheets else None
-        touched = self._held(system, contacts) if self.has_bent else None
-        close = self.threads.close(x) if self.threads else []
+        touched = self._held(system, contacts) if self.has_bent and deep else None
+        close = self.threads.close(x, deep or self.tangled) if self.threads else []
         if hits is None and touched is None and not close and not self.tangled:
             return
-        cut, beside, way = self.now[0].copy(), self.now[1].copy(), self._none()[2]
         touching, jello = self.near.touching, self.body.jello
         place = np.concatenate([x[touching.points[: touching.bare]], self.body.skin_points(x)]).astype(float)
-        found: list[Iterable[tuple[np.ndarray, int, np.ndarray]]] = []
-        if self.threads and close:
+        ways: list[tuple[np.ndarray, int, np.ndarray]] = []
+        if self.threads:
             leaving = np.where(self.now[2].any(1), self.now[1], 0) - 1
-            found.append(self.threads.ways_off(x, place, close, leaving))
+            ways += self.threads.ways_off(x, place, close, leaving)
         if touched is not None:
-            found.append(ways_apart(touching, jello, x, place, touched))
+            ways += ways_apart(touching, jello, x, place, touched)
         if hits is not None:
-            found.append(ways_back(touching, jello, x, place, self.edges, hits))
-        for points, other, out in chain(*found):
-            beside[points], way[points], cut[points] = other + 1, out, start
-        self._put(cut, beside, way, start)
+            ways += ways_back(touching, jello, x, place, self.edges, hits)
+        if ways or self.tangled:
+            cut, beside, way = self.now[0].copy(), self.now[1].copy(), self._none()[2]
+            for points, other, out in ways:
+                beside[points], way[points], cut[points] = other + 1, out, start
+            self._put(cut, beside, way, start)
 
     def _crossed(self, system) -> np.ndarray | None:
         """(E,) the elements that the edges go through, see _cross; None if none does."""
@@ -125,11 +128,7 @@ class Tangles:
         return hits if self._cross(system, hits) else None
 
     def _held(self, system, contacts) -> np.ndarray | None:
-        """(AT_ONCE Q, 6) the contacts of solids that may hold each other, see _press; None if none is deep, now or in
-        the last frame."""
-        self.looked = True
-        if not self.deep[0]:
-            return None
+        """(AT_ONCE Q, 6) the contacts of solids that may hold each other, see _press; None if none is deep."""
         self.beside.fill(0)  # by the nearest faces
         system.find_touched()
         touched = np.zeros((self.count, AT_ONCE, 6), self.number)
@@ -158,14 +157,19 @@ class Tangles:
     @ti.func
     def notice(self, a, b):
         """Jello a has a point deep in jello b."""
-        if ti.static(self.has_bent):  # noqa: SIM102 - decided when it is compiled
-            if self.may_hold(a, b):
+        if ti.static(self.has_holds):  # noqa: SIM102 - decided when it is compiled
+            if self.may_hold(a, b) or self.may_thread(a, b):
                 self.deep[0] = 1
 
     @ti.func
     def may_hold(self, a, b):
         """Whether jellos a and b are two solids that may hold each other."""
         return a != b and ti.min(self.kind[a], self.kind[b]) > 0 and ti.max(self.kind[a], self.kind[b]) == BENT
+
+    @ti.func
+    def may_thread(self, a, b):
+        """Whether jellos a and b are a rope and a solid."""
+        return 0 < ti.min(self.kind[a], self.kind[b]) < ROPE and ti.max(self.kind[a], self.kind[b]) == ROPE
 
     @ti.kernel
     def _press(self, system: ti.template(), contacts: ti.template(), touched: ti.types.ndarray()) -> int:

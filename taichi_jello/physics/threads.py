@@ -28,11 +28,14 @@ class Threads:
         self.ropes = {j: segments[owner == j] for j in np.flatnonzero(touching.rope)}
         firm = np.flatnonzero(touching.bent | touching.convex)
         self.solids = {j: triangles[whose[triangles[:, 0]] == j] for j in firm}
+        self.skinned = np.isin(np.arange(len(touching.rope)), body.jello[body.embedded])
 
-    def close(self, x: np.ndarray) -> list[tuple[Any, Any]]:
-        """The ropes and solids whose boxes meet with the particles at x (N, 3)."""
-        boxes = {j: (x[self.jello == j].min(0), x[self.jello == j].max(0)) for j in (*self.ropes, *self.solids)}
-        return [(a, b) for a in self.ropes for b in self.solids if meet(*boxes[a], *boxes[b]).all()]
+    def close(self, x: np.ndarray, deep: bool) -> list[tuple[Any, Any]]:
+        """The ropes and solids whose boxes meet with the particles at x (N, 3). deep: whether a rope has been deep in a
+        contact; where none has, solids with a skin, whose points are close to each other, are left out."""
+        solids = [j for j in self.solids if deep or not self.skinned[j]]
+        boxes = {j: (x[self.jello == j].min(0), x[self.jello == j].max(0)) for j in (*self.ropes, *solids)}
+        return [(a, b) for a in self.ropes for b in solids if meet(*boxes[a], *boxes[b]).all()]
 
     def ways_off(
         self, x: np.ndarray, place: np.ndarray, close: list[tuple[Any, Any]], leaving: np.ndarray

@@ -72,6 +72,7 @@ class Touching:
         thin = thin[np.unique(np.sort(thin, 1), axis=0, return_index=True)[1]] if len(thin) else thin  # one side
         structural = body.springs[body.family == 0]
         segments = structural[~(is_solid | is_sheet)[body.jello[structural[:, 0]]]]
+        is_rope = np.isin(np.arange(jellos), body.jello[segments[:, 0]])
         nodes = np.concatenate(
             [
                 body.cells,
@@ -131,7 +132,7 @@ class Touching:
             convex=is_convex & ~loose,
             bent=is_solid & ~is_convex & ~loose,
             sheet=is_sheet & ~loose,
-            rope=~is_solid & ~is_sheet & ~loose,
+            rope=is_rope & ~loose,
             loose=loose,
             hearts=hearts(body.rest, body.cells, holder, jellos),
         )

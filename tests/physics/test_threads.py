@@ -123,5 +123,6 @@ def test_only_ropes_beside_solids_are_looked_for():
     far = Rope(points=4, length=1.0, position=(0.0, 3.0, 0.0))
     found = tangles(made(far, CUBE))
     assert isinstance(found.threads, Threads) and not found.has_sheets and not found.has_bent
-    assert found.threads.close(found.body.x) == []
+    assert found.threads.close(found.body.x, True) == []
+    made(Box(points=(1, 1, 1)), CUBE).frame()  # a single point has no segments
     assert tangles(made(Rope(), Sheet(points=(3, 3)))).threads is None and tangles(made(Rope(), far)) is None
