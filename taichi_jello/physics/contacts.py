@@ -12,26 +12,23 @@ from taichi_jello.physics.cores import CORE
 from taichi_jello.physics.elements import nearer
 from taichi_jello.physics.exits import Exits
 from taichi_jello.physics.inside import AT_HAND, Inside
+from taichi_jello.physics.loads import Loads
 from taichi_jello.physics.neighbours import ROW, Neighbours
 from taichi_jello.physics.tangles import DEEP, Tangles
 from taichi_jello.physics.touching import AT_ONCE, FAR, Touching
 from taichi_jello.torn import still_there
 
-SLOTS = 16  # contacts of a point that are listed; if it has more, all contacts are looked through
 BETWEEN = 0.5  # times as deep as usual is the core between a rope and a rope or sheet
 LATE = 1.5  # times as deep as a core has to be what comes too near to a thin body for both to be braked as wholes
 TINY = 1e-9  # m
 UP, SIDEWAYS = ti.Vector([0.0, 1.0, 0.0]), ti.Vector([1.0, 0.0, 0.0])
-LOAD = 2.0  # whole contacts that press on one point with full stiffness: its own and one that it is a corner of
 
 
 @ti.data_oriented
-class Contacts:
+class Contacts(Loads):
     """Point q has own[q] contacts, of which n is number AT_ONCE q + n, with the place Σ weights · corners of another
     jello's surface: along `normal` it is to be kept `apart` [m] from there. `share`: how much the contact counts for;
-    `core` [m]: the depth beyond which it must not go on, CORE of how thick the other jello is there.
-    list and weight_in, from SLOTS q on: the listed[q] contacts that press on point q, in ascending order, and its
-    weight in each: 1 in its own, less than 0 where it is a corner."""
+    `core` [m]: the depth beyond which it must not go on, CORE of how thick the other jello is there."""
 
     rounds = 5
 
@@ -46,13 +43,11 @@ class Contacts:
         def table(name, values):
             return memory.table(title, name, values)
 
-        def whole(name, count):
-            return memory.zeros(title, name, (count,), whole=True)
-
         point_of = np.full(memory.padded, -1, np.int32)
         point_of[touching.points[: touching.bare]] = np.arange(touching.bare)
         self.point_of = table("point of each particle", point_of)
-        if self.near.skinned:
+        self.skinned = self.near.skinned
+        if self.skinned:
             self.parts = table("shares", touching.share)
         if tears:
             self.holds = table("elements not parted", np.ones(len(touching.nodes), np.int32))
@@ -76,10 +71,8 @@ class Contacts:
         if self.has_thin:
             self.apart = memory.zeros(title, "apart", (count,))
         self.share, self.core = (memory.zeros(title, f"{name} of contacts", (count,)) for name in ("shares", "cores"))
-        self.own = whole("contacts of each point", self.points)
-        self.load = memory.zeros(title, "loads", (self.points,))  # in whole contacts, a corner has its share of one
-        self.listed, self.list = whole("listed contacts", self.points), whole("lists", self.points * SLOTS)
-        self.weight_in = memory.zeros(title, "weights in them", (self.points * SLOTS,))
+        self.own = memory.zeros(title, "contacts of each point", (self.points,), whole=True)
+        super().__init__(title, memory, self.points)
 
     @ti.func
     def look(self, r: ti.template(), system, first, last, x, v, ahead):
@@ -122,6 +115,8 @@ class Contacts:
         else:
             busy = self.near.state[2]
             for k in range(system.share_of(first, busy), system.share_of(last, busy)):
+                if ti.static(self.can_thread):
+                    self.side_with_ropes(self.near.busy[k])
                 self.settle(self.near.busy[k])
 
     def obey(self, law):
@@ -240,55 +235,11 @@ class Contacts:
         return ti.select((side > 0.0) == first, normal, -normal)
 
     @ti.func
-    def enter(self, q, from_, to):
-        """List the contacts of point q with those of the points from_ … to - 1 that they press on. (Members of a team
-        go through all contacts, each for its own points: what two write to makes both wait.)"""
+    def side_with_ropes(self, q):
         for contact in range(q * AT_ONCE, q * AT_ONCE + self.own[q]):
-            self.enlist(contact, q, 1.0, from_, to)
-            for k in ti.static(range(3)):
-                if self.weights[contact][k] > 0.0:
-                    self.enlist(contact, self.corners[contact][k], -self.weights[contact][k], from_, to)
-
-    @ti.func
-    def enlist(self, contact, q, weight, from_, to):
-        if from_ <= q < to:
-            place = ti.atomic_add(self.listed[q], 1)
-            if place < SLOTS:
-                self.list[q * SLOTS + place], self.weight_in[q * SLOTS + place] = contact, weight
-
-    @ti.func
-    def sort(self, q):
-        """Contacts were listed in any order; they are to be gone through in that of their numbers."""
-        if self.listed[q] <= SLOTS:
-            first = q * SLOTS
-            for k in range(first + 1, first + self.listed[q]):
-                contact, weight, place = self.list[k], self.weight_in[k], k
-                while place > first and self.list[place - 1] > contact:
-                    self.list[place], self.weight_in[place] = self.list[place - 1], self.weight_in[place - 1]
-                    place -= 1
-                self.list[place], self.weight_in[place] = contact, weight
-        load = ti.cast(0.0, float)
-        for k in range(self.rounds_of(q)):
-            contact, g = self.pressing(q, k)
-            if g != 0.0:
-                load += ti.abs(g) * self.part(contact // AT_ONCE)
-        self.load[q] = load / self.part(q)
-
-    @ti.func
-    def settle(self, q):
-        """A contact counts for less where more press on one of its points than may with full stiffness."""
-        for contact in range(q * AT_ONCE, q * AT_ONCE + self.own[q]):
-            if ti.static(self.can_thread):  # noqa: SIM102 - decided when it is compiled
-                if (
-                    self.apart[contact] > 0.0
-                    and self.is_rope[self.near.jello[self.near.points[self.corners[contact][0]]]]
-                ):
-                    self.side_with(contact, q)
-            most = ti.max(self.load[q], LOAD)
-            for k in ti.static(range(3)):
-                if self.weights[contact][k] > 0.0:
-                    most = ti.max(most, self.load[self.corners[contact][k]])
-            self.share[contact] = self.share[contact] * (LOAD / most)
+            touched = self.near.jello[self.near.points[self.corners[contact][0]]]
+            if self.apart[contact] > 0.0 and self.is_rope[touched]:
+                self.side_with(contact, q)
 
     @ti.func
     def side_with(self, contact, q):
@@ -305,32 +256,6 @@ class Contacts:
             apart, distance = self.apart[contact], ti.abs(self.between(contact, self.there).dot(n))
             self.normal[contact] = -n
             self.share[contact] = self.share[contact] * (ti.max(0.0, apart - distance) / (apart + distance)) ** 2
-
-    @ti.func
-    def weight(self, contact, q):
-        g = ti.cast(0.0, float)
-        if contact % AT_ONCE < self.own[contact // AT_ONCE]:
-            if contact // AT_ONCE == q:
-                g += 1.0
-            for k in ti.static(range(3)):
-                if self.corners[contact][k] == q:
-                    g -= self.weights[contact][k]
-        return g
-
-    @ti.func
-    def rounds_of(self, q):
-        """How many contacts to go through for point q, see `pressing`."""
-        return ti.select(self.listed[q] > SLOTS, AT_ONCE * self.points, self.listed[q])
-
-    @ti.func
-    def pressing(self, q, k):
-        """The k-th contact that presses on point q, and the point's weight in it, which may be 0."""
-        contact, g = k, ti.cast(0.0, float)
-        if self.listed[q] <= SLOTS:
-            contact, g = self.list[q * SLOTS + k], self.weight_in[q * SLOTS + k]
-        else:
-            g = self.weight(k, q)
-        return contact, g
 
     @ti.func
     def difference(self, q, corners, weights, x):
@@ -351,11 +276,3 @@ class Contacts:
         if ti.static(self.has_thin):
             depth += self.apart[contact]
         return depth
-
-    @ti.func
-    def part(self, q):
-        """How much of a particle of the surface the point stands for."""
-        part = ti.cast(1.0, float)
-        if ti.static(self.near.skinned):
-            part = self.parts[q]
-        return part

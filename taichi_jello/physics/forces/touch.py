@@ -15,10 +15,11 @@ import taichi as ti
 
 from taichi_jello.law import loose
 from taichi_jello.physics.approach import Approach
-from taichi_jello.physics.contacts import LOAD, Contacts
+from taichi_jello.physics.contacts import Contacts
 from taichi_jello.physics.forces._base import ParticleForce, Rates, block, cut, even_block
 from taichi_jello.physics.forces.contact import ContactLaw, pressure, rub
 from taichi_jello.physics.forces.skin_contact import SkinContact
+from taichi_jello.physics.loads import LOAD
 from taichi_jello.physics.touching import AT_ONCE
 from taichi_jello.runtime import RuntimeProblem
 
