@@ -19,12 +19,14 @@ POSES, FEW_OF_MESHES, FEW = 12, 4, 3
 QUICK = {"box", "ring", "sheet", "rope"}
 PAIRS = list(combinations_with_replacement(SHAPES, 2))
 HALVES = [Pair(*names) for names in PAIRS]
+WAYS = ((0.1, 200.0), (1.0, 200.0), (0.1, 1e4), (1.0, 1e5))  # size [m] and stiffness [N/m] of what is thrown
 THROWS = [
-    Pair(*names, size, stiffness)
+    Pair(*names, *way)
     for names in PAIRS
-    for size, stiffness in ((0.1, 200.0), (1.0, 200.0), (0.1, 1e4), (1.0, 1e5))
-    if (stiffness == 200.0 or names[0] == names[1]) and not (set(names) & set(MESHES) and size < 1.0)
+    if not set(names) & set(MESHES)
+    for way in WAYS[: 4 if names[0] == names[1] else 2]
 ]
+THROWS += [Pair(name, name) for name in MESHES]
 
 
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
