@@ -10,6 +10,7 @@ from taichi_jello.body import Body
 from taichi_jello.physics.cuts import goes_through, surface_edges
 from taichi_jello.physics.touching import Touching
 
+FINE = np.arange(20) / 20  # of each segment, where it is looked at
 Array = np.ndarray[Any, Any]
 TETRAHEDRA = np.array([[0, 1, 2, 4], [1, 2, 3, 7], [1, 2, 4, 7], [1, 4, 5, 7], [2, 4, 6, 7]])  # of a cell's corners
 OVERLAP = 0.1  # of the cells of either: what slides along the other one has no more of their middles in it
@@ -110,3 +111,13 @@ def segments_cross(one: Array, other: Array) -> tuple[Array, Array]:
     size = np.maximum(dd * ee - de * de, 1e-30)
     s, t = (de * er - dr * ee) / size, (dd * er - de * dr) / size
     return -np.einsum("abk,abk->ab", np.cross(d, e), r), (s > 0.0) & (s < 1.0) & (t > 0.0) & (t < 1.0)
+
+
+def linking(one: Array, other: Array) -> float:
+    """How often two closed lines through the places (A, 3) and (B, 3) go through each other, as links of a chain do
+    once, by Gauss's integral over both."""
+    a, b = (np.concatenate([line + part * (np.roll(line, -1, 0) - line) for part in FINE], 1) for line in (one, other))
+    a, b = a.reshape(-1, 3), b.reshape(-1, 3)
+    ways = np.cross((np.roll(a, -1, 0) - a)[:, None], (np.roll(b, -1, 0) - b)[None])
+    apart = a[:, None] - b[None]
+    return float(np.sum(np.einsum("abk,abk->ab", apart, ways) / np.linalg.norm(apart, axis=2) ** 3) / (4.0 * np.pi))

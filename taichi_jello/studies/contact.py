@@ -72,7 +72,7 @@ def row(what: str, pair: Pair, method: str, poses: int) -> dict[str, Any]:
 def text(told: dict[str, Any]) -> str:
     parts = [headline(told)]
     for what, heads in (
-        ("half", ("overlapped by half", "method", "poses", "held", "apart when pulled", "gained [J]")),
+        ("half", ("overlapped by half", "method", "poses", "held", "apart when pulled, or linked", "gained [J]")),
         ("throw", ("thrown at 20 m/s", "method", "poses", "went through", "went round", "")),
     ):
         own = [one for one in told["rows"] if one["what"] == what]

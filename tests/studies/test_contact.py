@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_jello import Ball, Box, Contact, Rope, Scene, Sheet, Simulation, runtime
+from taichi_jello import Ball, Box, Contact, Ring, Rope, Scene, Sheet, Simulation, runtime
 from taichi_jello.assembly import assembled
 from taichi_jello.studies import contact
-from taichi_jello.studies._pairs import Pair, apart, overlapped, posed
+from taichi_jello.studies._pairs import Pair, apart, linked, overlapped, posed
 from taichi_jello.studies._report import write_csv
 from taichi_jello.studies._through import Lines, Sheets, Solids, segments_cross, share_inside, watched
 
@@ -72,6 +72,14 @@ def test_the_sign_of_a_volume_changes_as_lines_cross():
         volume, within = segments_cross(one, np.array([[[0.3, height, -1.0], [0.3, height, 1.0]]]))
         assert volume[0, 0] == pytest.approx(-2.0 * height) and within[0, 0]
     assert not segments_cross(one, np.array([[[1.1, 0.1, -1.0], [1.1, 0.1, 1.0]]]))[1][0, 0]
+
+
+def test_rings_that_hang_in_each_other_are_linked():
+    def rings(shift):
+        return Simulation(Scene(jello=[Ring(), Ring(position=shift, rotation=(90.0, 0.0, 0.0))]), method="rk4")
+
+    assert linked(rings((0.5, 0.0, 0.0))) and linked(rings((-0.4, 0.1, 0.0)))
+    assert not linked(rings((1.5, 0.0, 0.0))) and not linked(Pair("box", "sheet").simulation("rk4"))
 
 
 def test_half_of_the_lesser_is_in_the_other_at_first():
