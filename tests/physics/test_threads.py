@@ -21,7 +21,7 @@ def tangles(simulation):
     return next(force for force in simulation.system.all_forces if force.title == "touch").contacts.tangles
 
 
-@pytest.mark.parametrize(("other", "poses"), [("slab", (5, 12, 16, 22)), ("ring", (7, 18, 22)), ("rabbit", (3,))])
+@pytest.mark.parametrize(("other", "poses"), [("slab", (5, 12, 16, 22)), ("rabbit", (3,))])
 def test_a_rope_that_goes_through_comes_apart(other, poses):
     """By the nearest faces alone all of these stayed in each other, and did not come free when pulled."""
     simulation = Pair("rope", other).simulation("rk4")
@@ -51,9 +51,8 @@ def test_what_holds_one_jello_is_firm_towards_others():
     """A rope is through one cube and lies beside another one: only in the first it is soft."""
     rope = Rope(points=12, length=1.5, rotation=(0.0, 0.0, 90.0))
     scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[rope, CUBE, Box(points=(2, 2, 2), position=(1.1, 0.0, 0.0))])
-    simulation = Simulation(scene, method="rk4")
+    simulation = Simulation(scene, method="euler")
     simulation.frame()
-    simulation.energies()
     found = tangles(simulation)
     cut, beside, way = found.now
     whose = simulation.body.jello[found.near.touching.points]
@@ -118,7 +117,7 @@ def test_distances_to_a_triangle():
 
 def test_only_ropes_beside_solids_are_looked_for():
     def made(*jello):
-        return Simulation(Scene(jello=list(jello)), method="rk4")
+        return Simulation(Scene(jello=list(jello)), method="euler")
 
     far = Rope(points=4, length=1.0, position=(0.0, 3.0, 0.0))
     found = tangles(made(far, CUBE))
