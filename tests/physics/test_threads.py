@@ -117,7 +117,7 @@ def test_distances_to_a_triangle():
 
 def test_only_ropes_beside_solids_are_looked_for():
     def made(*jello):
-        return Simulation(Scene(jello=list(jello)), method="euler")
+        return Simulation(Scene(jello=list(jello)), method="rk4")
 
     far = Rope(points=4, length=1.0, position=(0.0, 3.0, 0.0))
     found = tangles(made(far, CUBE))
