@@ -14,7 +14,7 @@ from taichi_jello.physics.exits import Exits
 from taichi_jello.physics.inside import AT_HAND, Inside
 from taichi_jello.physics.loads import Loads
 from taichi_jello.physics.neighbours import ROW, Neighbours
-from taichi_jello.physics.tangles import DEEP, Tangles
+from taichi_jello.physics.tangles import DEEP, Tangles, as_unturned
 from taichi_jello.physics.touching import AT_ONCE, FAR, Touching
 from taichi_jello.torn import still_there
 
@@ -46,8 +46,7 @@ class Contacts(Loads):
         point_of = np.full(memory.padded, -1, np.int32)
         point_of[touching.points[: touching.bare]] = np.arange(touching.bare)
         self.point_of = table("point of each particle", point_of)
-        self.skinned = self.near.skinned
-        if self.skinned:
+        if self.near.skinned:
             self.parts = table("shares", touching.share)
         if tears:
             self.holds = table("elements not parted", np.ones(len(touching.nodes), np.int32))
@@ -253,9 +252,9 @@ class Contacts(Loads):
                 if self.apart[its] == 0.0 and other == self.near.jello[self.near.points[q]]:
                     way += self.weights[contact][k] * self.normal[its]
         if way.dot(n) > 0.0:
-            apart, distance = self.apart[contact], ti.abs(self.between(contact, self.there).dot(n))
+            distance = ti.abs(self.between(contact, self.there).dot(n))
             self.normal[contact] = -n
-            self.share[contact] = self.share[contact] * (ti.max(0.0, apart - distance) / (apart + distance)) ** 2
+            self.share[contact] = self.share[contact] * as_unturned(distance, self.apart[contact])
 
     @ti.func
     def difference(self, q, corners, weights, x):

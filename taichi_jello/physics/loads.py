@@ -11,9 +11,9 @@ LOAD = 2.0  # whole contacts that press on one point with full stiffness: its ow
 
 @ti.data_oriented
 class Loads:
-    """For Contacts, which has their corners, weights and shares: list and weight_in, from SLOTS q on: the listed[q]
-    contacts that press on point q, in ascending order, and its weight in each: 1 in its own, less than 0 where it is a
-    corner. load: how many, in whole contacts, a corner has its share of one."""
+    """For Contacts, which knows what is near and has their corners, weights and shares: list and weight_in, from SLOTS
+    q on: the listed[q] contacts that press on point q, in ascending order, and its weight in each: 1 in its own, less
+    than 0 where it is a corner. load: how many, in whole contacts, a corner has its share of one."""
 
     def __init__(self, title: str, memory: Memory, points: int):
         self.load = memory.zeros(title, "loads", (points,))
@@ -96,6 +96,6 @@ class Loads:
     def part(self, q):
         """How much of a particle of the surface the point stands for."""
         part = ti.cast(1.0, float)
-        if ti.static(self.skinned):
+        if ti.static(self.near.skinned):
             part = self.parts[q]
         return part

@@ -34,6 +34,13 @@ TANGLE = "tangle_"  # begins their names in a snapshot's memory
 HELD, NAMES = f"{TANGLE}held", tuple(f"{TANGLE}{name}" for name in ("time", "beside", "way"))
 
 
+@ti.func
+def as_unturned(distance, apart):
+    """How much a contact counts for whose normal is turned round, `distance` [m] from what it is to keep `apart` [m]
+    from, so that it stores the energy that it would unturned."""
+    return (ti.max(0.0, apart - distance) / (apart + distance)) ** 2
+
+
 @ti.data_oriented
 class Tangles:
     """The point q is to leave jello beside[q] - 1, if that is not negative, along way[q], if that is not zero; what it
@@ -107,7 +114,7 @@ class Tangles:
         if hits is None and touched is None and not close and not self.tangled:
             return
         touching, jello = self.near.touching, self.body.jello
-        place = np.concatenate([x[touching.points[: touching.bare]], self.body.skin_points(x)]).astype(float)
+        place = touching.places(self.body, x).astype(float)
         ways: list[tuple[np.ndarray, int, np.ndarray]] = []
         if self.threads:
             leaving = np.where(self.now[2].any(1), self.now[1], 0) - 1
@@ -141,7 +148,7 @@ class Tangles:
         counts = self.softness(q, b)
         if n.dot(self.way_out(q, b)) < -TURNED:
             n = -n
-            counts *= (ti.max(0.0, apart - distance) / (apart + distance)) ** 2
+            counts *= as_unturned(distance, apart)
         return n, counts
 
     @ti.func

@@ -24,6 +24,7 @@ class Threads:
         segments = touching.nodes[touching.solid :, :2]
         triangles = outward(touching, body.rest)
         whose, owner = body.jello[touching.points], body.jello[segments[:, 0]]
+        self.first = np.searchsorted(body.jello, np.arange(len(touching.rope)))
         self.whose, self.jello, self.thickness = whose, body.jello, touching.thickness
         self.ropes = {j: segments[owner == j] for j in np.flatnonzero(touching.rope)}
         firm = np.flatnonzero(touching.bent | touching.convex)
@@ -34,8 +35,8 @@ class Threads:
         """The ropes and solids whose boxes meet with the particles at x (N, 3). deep: whether a rope has been deep in a
         contact; where none has, solids with a skin, whose points are close to each other, are left out."""
         solids = [j for j in self.solids if deep or not self.skinned[j]]
-        boxes = {j: (x[self.jello == j].min(0), x[self.jello == j].max(0)) for j in (*self.ropes, *solids)}
-        return [(a, b) for a in self.ropes for b in solids if meet(*boxes[a], *boxes[b]).all()]
+        low, high = (extreme.reduceat(x, self.first) for extreme in (np.minimum, np.maximum))
+        return [(a, b) for a in self.ropes for b in solids if meet(low[a], high[a], low[b], high[b]).all()]
 
     def ways_off(
         self, x: np.ndarray, place: np.ndarray, close: list[tuple[Any, Any]], leaving: np.ndarray

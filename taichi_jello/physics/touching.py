@@ -152,6 +152,10 @@ class Touching:
         """Whether a rope can go through a solid; what may melt or tear is left out."""
         return bool(self.rope.any()) and bool(np.any(self.bent | self.convex))
 
+    def places(self, body: Body, x: np.ndarray) -> np.ndarray:
+        """(Q, 3) [m] where the points are with the particles at x (N, 3)."""
+        return np.concatenate([x[self.points[: self.bare]], body.skin_points(x)])
+
     @property
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The points that each particle i is part of: those from first[i] to first[i + 1], and its weight in each."""

@@ -73,6 +73,13 @@ def posed(simulation: Simulation, pose: int) -> tuple[Array, Array, Array]:
     return found[0], found[1], way / np.linalg.norm(way)
 
 
+def half_in(simulation: Simulation, pose: int) -> Array:
+    """The particles (N, 3) with half of the lesser of both extents along that way within the other."""
+    low, high, way = posed(simulation, pose)
+    overlap = 0.5 * min(np.ptp(low @ way), np.ptp(high @ way))
+    return np.concatenate([low, high + way * ((low @ way).max() - (high @ way).min() - overlap)])
+
+
 def go_on(simulation: Simulation, seconds: float) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # of their overlap
@@ -99,16 +106,13 @@ def linked(simulation: Simulation) -> bool:
 
 
 def overlapped(simulation: Simulation, poses: Iterable[int]) -> Iterator[Row]:
-    """Each pose with half of the lesser of both extents along a way by chance within the other: whether they come
+    """Each pose with one half in the other, see half_in: whether they come
     apart by themselves, or pulled at 1 m/s, or but for rings that began as links of a chain, and how much energy [J] is
     more in the end than it was."""
     first = (simulation.body.jello == 0)[:, None]
     sheets = Sheets(simulation.body)
     for pose in poses:
-        low, high, way = posed(simulation, pose)
-        overlap = 0.5 * min(np.ptp(low @ way), np.ptp(high @ way))
-        high = high + way * ((low @ way).max() - (high @ way).min() - overlap)
-        x = np.concatenate([low, high])
+        x = half_in(simulation, pose)
         simulation.restore(Snapshot(0.0, x, np.zeros_like(x)))
         before = sum(simulation.energies().values())
         go_on(simulation, LONG)

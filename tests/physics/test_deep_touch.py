@@ -59,7 +59,7 @@ def test_stiff_and_thin_ones_do_not_pass_at_twenty_metres_a_second(small):
 
 @pytest.mark.parametrize(("name", "size", "poses"), [("rope", 0.1, range(6)), ("bar", 1.0, (6,))])
 def test_what_is_thin_and_soft_does_not_pass_either(name, size, poses):
-    """Ropes went through each other in 5 of these 6 throws, bars between their points, far apart on thin bars."""
+    """Ropes went through each other in 5 of these 6 throws, soft bars where their points are far apart."""
     simulation = Pair(name, name, size).simulation("auto")
     assert not any(told["through"] for told in thrown(simulation, size, poses))
 

@@ -7,7 +7,7 @@ from taichi_jello import Box, Pin, Ring, Rope, Scene, Sheet, Simulation, Snapsho
 from taichi_jello.assembly import assembled
 from taichi_jello.physics.threads import AGAINST, Threads, at, crossings, distances, outward, passes, prolonged
 from taichi_jello.physics.touching import Touching
-from taichi_jello.studies._pairs import Pair, go_on, overlapped, posed
+from taichi_jello.studies._pairs import Pair, go_on, half_in, overlapped
 
 CUBE = Box(points=(2, 2, 2), size=(1.0, 1.0, 1.0))
 
@@ -63,8 +63,7 @@ def test_what_holds_one_jello_is_firm_towards_others():
 
 def test_a_run_goes_on_to_the_same_bits_while_a_rope_is_led_out():
     simulation = Pair("rope", "slab").simulation("rk4")
-    low, high, way = posed(simulation, 22)
-    x = np.concatenate([low, high + way * ((low @ way).max() - (high @ way).min() - 0.5 * np.ptp(high @ way))])
+    x = half_in(simulation, 22)
     simulation.restore(Snapshot(0.0, x, np.zeros_like(x)))
     go_on(simulation, 0.05)
     middle = simulation.snapshot()
