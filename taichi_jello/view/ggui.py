@@ -23,6 +23,8 @@ from taichi_jello.view.primitives import Dots, Triangles
 ROWS = 720  # line widths are given for a picture this high
 FRAMES = 300  # Mesa's software driver leaks half a megabyte a frame until its window is destroyed
 ROW = 12  # floats of one vertex in GGUI's own buffers: position 3, normal 3, texture 2, colour 4
+IDENTITY = np.eye(4, dtype=np.float32)
+WHITE = (1.0, 1.0, 1.0)
 UPWARDS = np.array([0.0, 1.0, 0.0], np.float32)
 STRIP = 32  # columns of pixels
 
@@ -86,16 +88,15 @@ def screen_is_gone() -> bool:
 
 
 class Buffers:
-    """What one call hands to GGUI: `rows` (R, ROW) of vertices and `index` (I,), of which the first `counts` are drawn.
+    """What one call hands to GGUI: the first `counts` of `rows` (R, ROW), its vertices, and of `index` (I,).
 
-    They keep their size, and grow by doubling: a mesh in smaller buffers than the picture before is now and then
-    not drawn at all where the machine is busy (one of 80 on Mesa's software driver)."""
+    They grow by doubling, for what is drawn changes its size from picture to picture."""
 
     def __init__(self) -> None:
         self.rows, self.index = np.empty((0, ROW), np.float32), np.empty(0, np.int32)
         self.counts = 0, 0
 
-    def fill(self, parts: list[tuple[np.ndarray, np.ndarray]], faces: Sequence[np.ndarray] = ()) -> None:
+    def fill(self, parts: list[tuple[np.ndarray, np.ndarray]], faces: Sequence[np.ndarray] = ()) -> "Buffers":
         """parts: positions (V, 3) and colours (V, 3) or (V, 4) of each; faces: (T, 3) of each, of its own vertices."""
         self.counts = sum(len(x) for x, _ in parts), sum(face.size for face in faces)
         if self.counts[0] > len(self.rows):
@@ -113,10 +114,13 @@ class Buffers:
                 np.add(faces[k].ravel(), start, out=self.index[corner : corner + faces[k].size])
                 corner += faces[k].size
             start += len(x)
+        return self
 
     @property
     def info(self) -> tuple:
-        return get_field_info(self.rows), get_field_info(self.index if self.counts[1] else None)
+        """No more than is drawn: lines are drawn of all that is handed over, whatever count is asked for."""
+        vertices, corners = self.counts
+        return get_field_info(self.rows[:vertices]), get_field_info(self.index[:corners] if corners else None)
 
 
 def _doubled(count: int) -> int:
@@ -157,7 +161,7 @@ class Ggui:
         self._frames += 1
         width, height = self.window.get_window_shape()
         # A flat picture costs Mesa's software driver a third of what a mesh behind everything does.
-        self.canvas.canvas.triangles(get_field_info(self._background), get_field_info(None), True, (1.0, 1.0, 1.0))
+        self.canvas.canvas.triangles(get_field_info(self._background), get_field_info(None), True, WHITE)
         scene = self.window.get_scene()
         self._aim(scene, viewpoint)
         for width_ in sorted({batch.width for batch in drawing.lines}):
@@ -183,28 +187,33 @@ class Ggui:
         camera.z_near(NEAR)
         camera.z_far(FAR)
         scene.set_camera(camera)
-        scene.ambient_light((1.0, 1.0, 1.0))
+        scene.ambient_light(WHITE)
 
     # Taichi's own scene.mesh and its siblings compile a copying kernel anew for every field (0.15 s each);
     # the calls below hand over rows that are ready, as those would after their copy. Each call costs 2 ms on
     # Mesa's software driver, hence few of them.
 
     def _meshes(self, scene, name: str, meshes: list[Triangles]) -> None:
-        buffers = self._buffers[name]
-        buffers.fill([(mesh.x, mesh.rgba) for mesh in meshes], [mesh.index for mesh in meshes])
+        buffers = self._buffers[name].fill([(mesh.x, mesh.rgba) for mesh in meshes], [mesh.index for mesh in meshes])
         (rows, index), (vertices, corners) = buffers.info, buffers.counts
-        scene.scene.mesh(rows, True, index, (1.0, 1.0, 1.0), True, corners, 0, vertices, 0, False)
+        if not corners:
+            return
+        # One instance, which stays where it is. GGUI moves what is no instance by 0 times a matrix that nobody has
+        # written, and where that memory holds a NaN nothing is drawn.
+        moved = get_field_info(IDENTITY)
+        scene.scene.mesh_instance(rows, True, index, WHITE, True, moved, 1, 0, corners, 0, vertices, 0, False)
 
     def _lines(self, scene, parts: list[tuple[np.ndarray, np.ndarray]], name: float, width: float) -> None:
-        buffers = self._buffers[name]
-        buffers.fill(parts)
+        buffers = self._buffers[name].fill(parts)
         vertices = buffers.counts[0]
-        scene.scene.lines(*buffers.info, True, (1.0, 1.0, 1.0), width, vertices, 0, vertices, 0)
+        if vertices:
+            scene.scene.lines(*buffers.info, True, WHITE, width, vertices, 0, vertices, 0)
 
     def _dots(self, scene, dots: Dots, radius: float) -> None:
-        buffers = self._buffers["dots"]
-        buffers.fill([(dots.x, dots.rgb)])
-        scene.scene.particles(buffers.info[0], True, False, (1.0, 1.0, 1.0), radius, buffers.counts[0], 0)
+        buffers = self._buffers["dots"].fill([(dots.x, dots.rgb)])
+        count = buffers.counts[0]
+        if count:
+            scene.scene.particles(buffers.info[0], True, False, WHITE, radius, count, 0)
 
     def image(self) -> np.ndarray:
         """(height, width, 3) uint8: what was drawn last, a copy. In a window, ask before show()."""

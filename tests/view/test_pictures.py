@@ -207,14 +207,23 @@ def test_columns_are_the_picture_as_a_canvas_takes_it(samples, cube):
     assert np.array_equal(columns, packed[::-1].T)
 
 
-def test_what_ggui_gets_keeps_its_size_when_a_mesh_shrinks():
-    buffers = ggui.Buffers()
-    rng = np.random.default_rng(1)
-    parts = [(rng.random((count, 3), np.float32), rng.random((count, 4), np.float32)) for count in (5, 40)]
-    faces = [rng.integers(0, count, (count, 3), np.int32) for count in (5, 40)]
-    buffers.fill(parts, faces)
-    rows, index = buffers.rows, buffers.index
-    assert np.array_equal(rows[5:45, 8:], parts[1][1]) and np.array_equal(index[15:135], faces[1].ravel() + 5)
-    buffers.fill(parts[:1], faces[:1])
-    assert buffers.rows is rows and buffers.index is index and buffers.counts == (5, 15)
-    assert np.array_equal(rows[:5, :3], parts[0][0]) and np.array_equal(index[:15], faces[0].ravel())
+@pytest.mark.parametrize("name", RENDERERS)
+def test_of_a_larger_picture_before_nothing_is_left(name):
+    small, large = (Still(cube_scene(0.9, points=points)) for points in (4, 9))
+    afresh = shot(name, small)
+    with opened(name) as renderer:
+        for simulation in (large, small, large, large):
+            shot(name, simulation, renderer=renderer)
+        assert np.array_equal(shot(name, small, renderer=renderer), afresh)
+
+
+@pytest.mark.parametrize("name", RENDERERS)
+def test_a_picture_of_what_is_no_number_spoils_none_after_it(name, cube):
+    """What the driver's memory held before is no part of a picture: meshes that were no instances were not drawn in 20
+    of the 40."""
+    afresh = shot(name, cube)
+    with opened(name) as renderer:
+        for points in (4, 5, 6, 7) * 10:
+            broken = Still(cube_scene(points=points))
+            shot(name, broken.put(np.full_like(broken.x, np.nan)), renderer=renderer)
+            assert np.array_equal(shot(name, cube, renderer=renderer), afresh)
