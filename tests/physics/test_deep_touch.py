@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import taichi as ti
+from touching_pairs import overlap_by_half, touch
 
 from taichi_jello import Ball, Box, Keyframe, Mesh, Plane, Ring, Scene, Sheet, Simulation, Snapshot, runtime
 from taichi_jello.assembly import assembled
@@ -109,18 +110,9 @@ def slabs():
 
 
 def test_blades_that_cross_come_apart(slabs):
-    """By the nearest faces alone half of one would leave on either side of the other: 5 of these stayed crossed."""
-    first, draw = slabs.body.jello == 0, np.random.default_rng(3)
-    rest = slabs.body.rest[first] - slabs.body.rest[first].mean(0)
-    for _ in range(12):
-        turns = [np.linalg.qr(draw.standard_normal((3, 3)))[0] for _ in range(2)]
-        way = draw.standard_normal(3)
-        low, high = (rest @ (turn * np.sign(np.linalg.det(turn))).T for turn in turns)
-        way /= np.linalg.norm(way)
-        overlap = 0.5 * min(np.ptp(low @ way), np.ptp(high @ way))
-        high += way * ((low @ way).max() - (high @ way).min() - overlap)
-        x = np.concatenate([low, high])
-        slabs.restore(Snapshot(0.0, x, np.zeros_like(x)))
+    """By the nearest faces alone half of one would leave on either side of the other, and they would stay crossed."""
+    for pose in range(12):
+        overlap_by_half(slabs, pose)
         before = sum(slabs.energies().values())
         slabs.advance(2.5)
         after = slabs.energies()
@@ -213,7 +205,6 @@ def test_the_brake_keeps_momentum_and_angular_momentum_and_its_work_is_booked():
         return body.mass @ v, np.einsum("n,nd->d", body.mass, np.cross(x, v))
 
     before, energy, lost, braked = momenta(), sum(simulation.energies().values()), 0.0, 0
-    touch = next(force for force in simulation.system.all_forces if force.title == "touch")
     for _ in range(40):
         work = simulation.work["impacts"]
         simulation.step()
@@ -227,7 +218,7 @@ def test_the_brake_keeps_momentum_and_angular_momentum_and_its_work_is_booked():
     assert after[0] == pytest.approx(before[0], abs=20.0 * 1e-6)
     # Contact's friction and dashpots act on a point and on a surface as deep as it has come in, 0.03 m at the most.
     assert after[1] == pytest.approx(before[1], abs=20.0 * 0.03 * 0.05)
-    assert touch.brake.jellos == 2 and simulation.v[first, 0].mean() > 5.0
+    assert touch(simulation).brake.jellos == 2 and simulation.v[first, 0].mean() > 5.0
 
 
 def test_the_brake_alone_leaves_two_turning_as_one_and_a_tenth_of_the_rest_backwards():
@@ -240,7 +231,7 @@ def test_the_brake_alone_leaves_two_turning_as_one_and_a_tenth_of_the_rest_backw
     x = body.x - np.where(first[:, None], [0.0, 0.0, 0.0], [2.3, -0.4, 0.0])
     v = np.where(first[:, None], [2.0, 0.0, 0.0], [0.0, 0.0, 0.0])
     simulation.restore(Snapshot(0.0, x, v))
-    brake = next(force for force in simulation.system.all_forces if force.title == "touch").brake
+    brake = touch(simulation).brake
     brake.deep[1] = brake.deep[2] = brake.any[0] = 1
     only_brake(simulation.system, brake)
     after = np.stack([simulation.system.state.v[i] for i in range(len(body))])

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from touching_pairs import overlap_by_half, tangles
 
-from taichi_jello import Box, Pin, Ring, Rope, Scene, Sheet, Simulation, Snapshot, runtime
+from taichi_jello import Box, Pin, Ring, Rope, Scene, Sheet, Simulation, runtime
 from taichi_jello.assembly import assembled
 from taichi_jello.physics.threads import AGAINST, Threads, at, crossings, distances, outward, passes, prolonged
 from taichi_jello.physics.touching import Touching
-from taichi_jello.studies._pairs import Pair, go_on, half_in, overlapped
+from taichi_jello.studies._pairs import Pair, go_on, overlapped
 
 CUBE = Box(points=(2, 2, 2), size=(1.0, 1.0, 1.0))
 
@@ -15,10 +16,6 @@ CUBE = Box(points=(2, 2, 2), size=(1.0, 1.0, 1.0))
 @pytest.fixture(scope="module", autouse=True)
 def taichi(request):
     runtime.start(request.config.getoption("--arch"), "f32")
-
-
-def tangles(simulation):
-    return next(force for force in simulation.system.all_forces if force.title == "touch").contacts.tangles
 
 
 @pytest.fixture(scope="module")
@@ -72,8 +69,7 @@ def test_what_holds_one_jello_is_firm_towards_others():
 
 def test_a_run_goes_on_to_the_same_bits_while_a_rope_is_led_out(slab):
     simulation = slab
-    x = half_in(simulation, 22)
-    simulation.restore(Snapshot(0.0, x, np.zeros_like(x)))
+    overlap_by_half(simulation, 22)
     go_on(simulation, 0.05)
     middle = simulation.snapshot()
     assert tangles(simulation).tangled and "tangle_way" in middle.memory

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from touching_pairs import touch
 
 from taichi_jello import (
     Ball,
@@ -22,7 +23,6 @@ from taichi_jello import (
 from taichi_jello.body import join
 from taichi_jello.explain import facts
 from taichi_jello.physics import neighbours
-from taichi_jello.physics.forces.touch import Touch
 from taichi_jello.physics.neighbours import ROW
 from taichi_jello.physics.touching import inner_neighbours, ways_out
 from taichi_jello.shapes.lattice import rotation
@@ -74,8 +74,8 @@ def test_the_same_bits_after_a_restore_and_with_other_lists(crash, monkeypatch):
     for _ in range(5):
         crash.frame()
     end = crash.snapshot()
-    touch = next(force for force in crash.system.all_forces if isinstance(force, Touch))
-    pairs = touch.near.listed.to_numpy().sum()
+    near = touch(crash).near
+    pairs = near.listed.to_numpy().sum()
     for least, most in ((0.05, 0.5), (0.6, 2.0)):
         monkeypatch.setattr(neighbours, "LEAST", least)
         monkeypatch.setattr(neighbours, "MOST", most)
@@ -83,7 +83,7 @@ def test_the_same_bits_after_a_restore_and_with_other_lists(crash, monkeypatch):
         for _ in range(5):
             crash.frame()
         assert np.array_equal(crash.x, end.x) and np.array_equal(crash.v, end.v)
-    assert touch.near.listed.to_numpy().sum() > pairs > 0  # the other lists were longer
+    assert near.listed.to_numpy().sum() > pairs > 0  # the other lists were longer
 
 
 def test_the_list_holds_every_point_near_an_element(crash):
@@ -92,7 +92,7 @@ def test_the_list_holds_every_point_near_an_element(crash):
         crash.frame()
     crash.system.write(*crash.system.read())
     crash.energies()
-    near = next(force for force in crash.system.all_forces if isinstance(force, Touch)).near
+    near = touch(crash).near
     number, found, x = near.listed.to_numpy(), near.found.to_numpy(), crash.x
     margin = near.margin.to_numpy()
     order, first, last = (field.to_numpy() for field in (near.tree_order, near.tree_first, near.tree_last))
