@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from taichi_jello.body import Body
-from taichi_jello.physics.system import ENERGIES
+from taichi_jello.physics.probe import ENERGIES
 from taichi_jello.physics.tangles import TANGLE
 from taichi_jello.simulation import Simulation, Snapshot
 

@@ -77,7 +77,7 @@ class Blame:
         values = np.empty((system.count, 6), system.memory.number)
         system._read(values)
         out = np.zeros((len(self.forces), system.count, 3), system.memory.number)
-        system.make_ready(t)
+        system.probe.make_ready(t)
         self._fill(t, out)
         x, v = values[:, :3].astype(float), values[:, 3:].astype(float)
         return Moment(x, v, t, norm(out.astype(float)))

@@ -8,7 +8,6 @@ import taichi as ti
 
 from taichi_jello import runtime
 from taichi_jello.body import Body
-from taichi_jello.checked import FASTEST
 from taichi_jello.physics import forces as force_folder
 from taichi_jello.physics.bounds import Bound
 from taichi_jello.physics.changes import Changes
@@ -19,15 +18,16 @@ from taichi_jello.physics.gather import reach
 from taichi_jello.physics.handles import Handles
 from taichi_jello.physics.integrators import scheme
 from taichi_jello.physics.integrators._base import Integrator
+from taichi_jello.physics.last_good import LastGood
 from taichi_jello.physics.ledger import Ledger
 from taichi_jello.physics.particles import Particles
+from taichi_jello.physics.probe import Probe
 from taichi_jello.physics.state import ALONE, Memory, State
 from taichi_jello.physics.stepper import Stepper
 from taichi_jello.plugins import classes
 from taichi_jello.scene import Scene
 
 FAR = 256.0  # m; there f32 has steps of 0.03 mm
-ENERGIES = ("kinetic", "elastic", "gravity", "contact")
 
 
 def force_kinds() -> list[type[ParticleForce]]:
@@ -59,7 +59,7 @@ class System:
             body = replace(body, x=body.x - self.origin)
         v = np.where(body.pinned[:, None], 0.0, body.v)
         self.state = State.made_in(self.memory, "state", body.x, v)
-        self._good = np.hstack([body.x, v]).astype(self.memory.number)
+        self.good = LastGood(self.memory, self.state, self.team, body.x, v)
         self.particles = Particles(body, self.memory, self.origin)
         made = {kind: kind.made_for(scene, self.particles) for kind in force_kinds()}
         self.absent = [kind.title for kind, found in made.items() if not found]
@@ -76,7 +76,6 @@ class System:
         self.hurried, self.parts = tuple(force for force in self.all_forces if force.hurries), 1
         self.sweeps = tuple(force.sweep for force in self.all_forces if force.sweep)
         self.brakes = tuple(force.brake for force in self.all_forces if force.brake)
-        self.booked = [tuple(f for f in self.all_forces if f.energy_kind == kind) for kind in ENERGIES]
         damped = any(force.reads_velocity for force in self.all_forces)
         self.integrator = Scheme(self.memory, self.state, damped, body)
         self.integrator.meet(self.all_forces)
@@ -85,7 +84,7 @@ class System:
         self.handles = Handles(scene, body)
         self.ledger: Any = Ledger(self.all_forces, self.memory, len(self.handles.held) > 0) if ledger else None
         self.books = self.ledger is not None and self.ledger.columns > 0
-        self.stepper = Stepper(self)
+        self.probe, self.stepper = Probe(self), Stepper(self)
         if self.team > 1:
             self.arrivals = ti.field(ti.i64, 1)  # how often threads came to wait_for_team, ever
         self.memory.fill()
@@ -221,7 +220,7 @@ class System:
         if self.integrator.solves:
             self.integrator.prepare(self, dt)
         for sweep in self.sweeps:
-            sweep.look_out(self._good[:, 3:], dt)
+            sweep.look_out(self.good.v, dt)
         origin = first
         while first < last:
             self._refresh(first * dt, dt)
@@ -245,24 +244,23 @@ class System:
         handles gain as their speed changes."""
         gained = 0.0
         if len(self.handles.held) and not within:
-            good = self._good.copy()
-            good[self.handles.held] = np.hstack(self.handles.motion(start, end))
-            if not np.array_equal(good, self._good):
-                gained = self.handles.kinetic(good[:, 3:]) - self.handles.kinetic(self._good[:, 3:])
-                self._good = good
-                self._write(good)
+            x, v = self.good.x.copy(), self.good.v.copy()
+            x[self.handles.held], v[self.handles.held] = self.handles.motion(start, end)
+            if not (np.array_equal(x, self.good.x) and np.array_equal(v, self.good.v)):
+                gained = self.handles.kinetic(v) - self.handles.kinetic(self.good.v)
+                self.good.set(x, v)
                 self._forget()
         if self.hurried and not within:
-            x, v = self._good[:, :3], self._good[:, 3:]
+            x, v = self.good.x, self.good.v
             asked = [force.parts(x, v, end - start, automatic) for force in self.hurried if automatic]
             self.parts = max(asked, default=1)
-        self.changes.begin(start, self._good[:, :3])
+        self.changes.begin(start, self.good.x)
         for force in self.all_forces:
             force.begin_frame(start, end)
         self._refresh(0.0, end - start)
         if not within:
             for force in self.hurried:
-                force.survey(self, self._good[:, :3], start)
+                force.survey(self, self.good.x, start)
         return gained
 
     def remembered(self, within: bool) -> dict[str, np.ndarray]:
@@ -280,91 +278,24 @@ class System:
 
     def write(self, x: np.ndarray, v: np.ndarray) -> None:
         """Set the state, (N, 3) each, and remember it as good."""
-        x = x - self.origin if self.origin.any() else x
-        self._good = np.hstack([x, v]).astype(self.memory.number)
-        self._write(self._good)
+        self.good.set(x - self.origin if self.origin.any() else x, v)
         self._forget()
-
-    @ti.kernel
-    def _write(self, values: ti.types.ndarray()):
-        if ti.static(self.team == 1):
-            ti.loop_config(serialize=True)
-        for i in range(self.count):
-            for axis in ti.static(range(3)):
-                self.state.x[i][axis] = values[i, axis]
-                self.state.v[i][axis] = values[i, 3 + axis]
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """The last good state, x and v, (N, 3) each; x in float64 if it is far from the world's origin."""
-        x, v = self._good[:, :3].copy(), self._good[:, 3:].copy()
+        x, v = self.good.x.copy(), self.good.v.copy()
         return (x + self.origin if self.origin.any() else x), v
 
-    @ti.kernel
-    def _read(self, values: ti.types.ndarray()):
-        if ti.static(self.team == 1):
-            ti.loop_config(serialize=True)
-        for i in range(self.count):
-            for axis in ti.static(range(3)):
-                values[i, axis] = self.state.x[i][axis]
-                values[i, 3 + axis] = self.state.v[i][axis]
-
     def keep_if_finite(self) -> int | None:
-        """Remember the state as good; or, if it has numbers that are not finite or speeds beyond FASTEST, go back to
-        the last good one and return the first particle with such a number."""
-        values = np.empty_like(self._good)
-        self._read(values)
-        with np.errstate(invalid="ignore"):
-            total = values.sum(dtype=np.float64)  # one sum is cheaper than a look at each
-        speeds = values[:, 3:]
-        if not (np.isfinite(total) and speeds.min() > -FASTEST and speeds.max() < FASTEST):
-            good = np.isfinite(values).all(1) & (np.abs(speeds) < FASTEST).all(1)
-            bad = np.flatnonzero(~good)
-            if len(bad):
-                self._write(self._good)
-                self._forget()
-                return int(bad[0])
-        self._good = values
-        return None
-
-    @ti.kernel
-    def _prepare(self, t: float):
-        for force in ti.static(self.prepared):
-            force.prepare(0, force.points, self.state.x, self.state.v, t)
-
-    @ti.kernel
-    def _look(self, r: ti.template()):
-        """One round of `look` without a team, whose other members would be waited for."""
-        for force in ti.static(self.looking):
-            if ti.static(r < force.rounds):
-                force.look(r, self, 0, self.count, self.state.x, self.state.v, 0.0)
-
-    @ti.kernel
-    def _energy_shares(self, t: float, out: ti.types.ndarray()):
-        for i in range(self.count):
-            v = self.state.v[i]
-            out[i, 0] = 0.5 * self.particles.mass(i) * v.dot(v)
-            for slot in ti.static(range(1, len(ENERGIES))):
-                for force in ti.static(self.booked[slot]):
-                    out[i, slot] += force.energy(i, self.state.x, t)
-
-    def find_touched(self) -> None:
-        """Have the forces find what the particles touch where they are."""
-        for r in range(self.rounds):
-            self._look(r)
-
-    def make_ready(self, t: float) -> None:
-        """Have the forces find in this state what they are to be asked for one by one."""
-        self.find_touched()
-        if self.prepared:
-            self._prepare(t)
+        """Remember the state as good, or go back; see LastGood.keep."""
+        bad = self.good.keep()
+        if bad is not None:
+            self._forget()
+        return bad
 
     def energies(self, t: float) -> dict[str, float]:
-        """Kinetic, elastic, gravity and contact energy [J] `t` seconds after the current frame began, summed over the
-        particles in float64."""
-        shares = np.zeros((self.count, len(ENERGIES)), self.memory.number)
-        self.make_ready(t)
-        self._energy_shares(t, shares)
-        told = dict(zip(ENERGIES, shares.sum(0, dtype=np.float64).tolist(), strict=True))
+        """Kinetic, elastic, gravity and contact energy [J] `t` seconds after the current frame began."""
+        told = self.probe.energies(t)
         if self.origin.any() and "gravity" in self.tuning:
             told["gravity"] -= self.mass * float(np.dot(self.tuning["gravity"], self.origin))
         return told

@@ -137,7 +137,7 @@ class Tangles:
     def _held(self, system, contacts) -> np.ndarray | None:
         """(AT_ONCE Q, 6) the contacts of solids that may hold each other, see _press; None if none is deep."""
         self.beside.fill(0)  # by the nearest faces
-        system.find_touched()
+        system.probe.find_touched()
         touched = np.zeros((self.count, AT_ONCE, 6), self.number)
         return touched.reshape(-1, 6) if self._press(system, contacts, touched) else None
 
