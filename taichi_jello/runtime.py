@@ -132,6 +132,7 @@ def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None)
     chosen = choose_arch(arch)
     if chosen in ("vulkan", "metal") and precision == "f64":
         raise RuntimeProblem(f"--precision: {chosen} has no f64 here, use f32 or another --arch")
+    others = _tasks()
     with contextlib.redirect_stdout(io.StringIO()):  # "[Taichi] Starting on arch=…" has no switch
         ti.init(
             arch=getattr(ti, chosen),
@@ -145,8 +146,27 @@ def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None)
             unrolling_limit=0,  # no warning where a scene has many tables to fill
             fast_math=False,  # it may reorder sums, which gave other bits in a serial than in a parallel kernel
         )
+    if chosen == "cpu" and threads == len(cores) > 1:
+        _settle(sorted(_tasks() - others)[-threads:], cores)
     _current = Runtime(chosen, precision, threads, 1 if _current is None else _current.serial + 1)
     return _current
+
+
+def _tasks() -> set[int]:
+    """The threads of this process; none where there is no /proc."""
+    try:
+        return {int(number) for number in os.listdir("/proc/self/task")}
+    except OSError:
+        return set()
+
+
+def _settle(workers: list[int], cores: list[int]) -> None:
+    """Give each of Taichi's workers, which are the threads it starts last, a core of its own. Linux now and then wakes
+    two on one core, and each waits there for the other until its time slice is over: a frame then takes ten times as
+    long. Not where Taichi has fewer threads than there are cores, which other programs may be using."""
+    for worker, number in zip(workers, cores, strict=False):
+        with contextlib.suppress(OSError):  # a thread that has ended since
+            os.sched_setaffinity(worker, {number})
 
 
 @contextlib.contextmanager
