@@ -75,7 +75,7 @@ class Blame:
     def _look(self, t: float) -> Moment:
         system = self.system
         values = np.empty((system.count, 6), system.memory.number)
-        system._read(values)
+        system.good.read(values)
         out = np.zeros((len(self.forces), system.count, 3), system.memory.number)
         system.probe.make_ready(t)
         self._fill(t, out)
@@ -112,7 +112,7 @@ class Blame:
         """A force that was no number though the state was."""
         if max(np.abs(last.x).max(), np.abs(last.v).max()) > FAR:
             return None
-        self.system._write(np.hstack([last.x, last.v]).astype(self.system.memory.number))
+        self.system.good.write(np.hstack([last.x, last.v]).astype(self.system.memory.number))
         for late in (0.0, 0.5, 1.0):
             forces = self._look(last.t + late * self.simulation.dt).forces
             for k, force in enumerate(self.forces):

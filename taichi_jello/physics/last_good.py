@@ -26,13 +26,13 @@ class LastGood:
     def set(self, x: np.ndarray, v: np.ndarray) -> None:
         """Put both into the fields, and take them for good."""
         self._values = np.hstack([x, v]).astype(self.number)
-        self._write(self._values)
+        self.write(self._values)
 
     def keep(self) -> int | None:
         """Take what is in the fields for good; or, if it is not, put the last good state there again and return the
         first particle with such a number."""
         values = np.empty_like(self._values)
-        self._read(values)
+        self.read(values)
         with np.errstate(invalid="ignore"):
             total = values.sum(dtype=np.float64)  # one sum is cheaper than a look at each
         speeds = values[:, 3:]
@@ -40,13 +40,14 @@ class LastGood:
             good = np.isfinite(values).all(1) & (np.abs(speeds) < FASTEST).all(1)
             bad = np.flatnonzero(~good)
             if len(bad):
-                self._write(self._values)
+                self.write(self._values)
                 return int(bad[0])
         self._values = values
         return None
 
     @ti.kernel
-    def _write(self, values: ti.types.ndarray()):
+    def write(self, values: ti.types.ndarray()):
+        """Put x and v, (N, 6), into the fields."""
         if ti.static(self.team == 1):
             ti.loop_config(serialize=True)
         for i in range(self.count):
@@ -55,7 +56,8 @@ class LastGood:
                 self.state.v[i][axis] = values[i, 3 + axis]
 
     @ti.kernel
-    def _read(self, values: ti.types.ndarray()):
+    def read(self, values: ti.types.ndarray()):
+        """Take x and v, (N, 6), out of the fields, good or not."""
         if ti.static(self.team == 1):
             ti.loop_config(serialize=True)
         for i in range(self.count):
