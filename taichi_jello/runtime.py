@@ -162,8 +162,8 @@ def _tasks() -> set[int]:
 
 def _settle(workers: list[int], cores: list[int]) -> None:
     """Give each of Taichi's workers, which are the threads it starts last, a core of its own. Linux now and then wakes
-    two on one core, and each waits there for the other until its time slice is over: a frame then takes ten times as
-    long. Not where Taichi has fewer threads than there are cores, which other programs may be using."""
+    two on one core, where each waits for the other until its time slice is over: single frames take ten times as long.
+    Not for fewer threads than there are cores, since others may be using just those that would be chosen."""
     for worker, number in zip(workers, cores, strict=False):
         with contextlib.suppress(OSError):  # a thread that has ended since
             os.sched_setaffinity(worker, {number})

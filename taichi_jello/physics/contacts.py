@@ -14,13 +14,13 @@ from taichi_jello.physics.exits import Exits
 from taichi_jello.physics.inside import AT_HAND, Inside
 from taichi_jello.physics.loads import Loads
 from taichi_jello.physics.neighbours import ROW, Neighbours
-from taichi_jello.physics.tangles import DEEP, SOFT, Tangles, as_unturned
+from taichi_jello.physics.tangles import DEEP, Tangles, as_unturned
 from taichi_jello.physics.touching import AT_ONCE, FAR, Touching
 from taichi_jello.torn import still_there
 
 BETWEEN = 0.5  # times as deep as usual is the core between a rope and a rope or sheet
 LATE = 1.5  # times as deep as a core has to be what comes too near to a thin body for both to be braked as wholes
-FLAT = 1e-3  # of how far ropes are kept apart: those that cross and are nearer to one plane are in it
+FLAT = 1e-3  # times how far ropes are kept apart: those that cross nearer than this to one plane count as in it
 TINY = 1e-9  # m
 UP, SIDEWAYS = ti.Vector([0.0, 1.0, 0.0]), ti.Vector([1.0, 0.0, 0.0])
 
@@ -220,10 +220,11 @@ class Contacts(Loads):
                         square = self.out_of_plane(q, corners[0], a, b - a, apart)
                         if square.any():
                             n = square.normalized()
-                            self.share[contact] = ti.max(SOFT, (1.0 - ti.min(distance / apart, 1.0)) ** 2)
+                            self.share[contact] = ti.max(0.0, 1.0 - distance / apart) ** 2  # stores what it did
                 self.tell(own, other, apart - distance, LATE * self.core[contact])
                 if ti.static(self.can_tangle):
-                    n, self.share[contact] = self.tangles.turned(q, other, n, distance, apart)
+                    n, counts = self.tangles.turned(q, other, n, distance, apart)
+                    self.share[contact] *= counts
             self.apart[contact] = apart
         if touches:
             self.corners[contact], self.weights[contact], self.normal[contact] = corners, weights, n
@@ -241,19 +242,20 @@ class Contacts(Loads):
 
     @ti.func
     def out_of_plane(self, q, corner, a, edge, apart):
-        """The way square to two ropes that cross in one plane between point q and the one beside it, to its side; zero
-        if they do not. In that plane each would be pressed to both sides of the other, and they would stay."""
+        """Where a rope crosses the `edge` from a of another rope, in one plane and between point q and the one beside
+        it: the way square to both for q. Zero where it does not. In the plane each would be pressed to both sides of
+        the other, and they would stay."""
         p, out = self.place[q], 0.0 * edge
         for k in ti.static(range(2)):
-            r = ti.min(ti.max(q + 2 * k - 1, 0), self.points - 1)
+            r = ti.min(ti.max(q + 2 * k - 1, 0), self.points - 1)  # points are numbered along a rope
             if self.near.jello[self.near.points[r]] == self.near.jello[self.near.points[q]]:
                 along = self.place[r] - p
                 normal = along.cross(edge)
                 square = normal.norm_sqr()
-                # p + u along = a + s edge; the edge is the nearest to q, and the one beside it may be the crossed one.
-                u, s = normal.dot(edge.cross(p - a)) / square, normal.dot(along.cross(p - a)) / square
+                # p + u / square along = a + s / square edge
+                u, s = normal.dot(edge.cross(p - a)), normal.dot(along.cross(p - a))
                 in_plane = normal.dot(p - a) ** 2 <= (FLAT * apart) ** 2 * square
-                if square > 0.0 and in_plane and 0.0 <= u <= 1.0 and -1.0 <= s <= 2.0:
+                if square > 0.0 and in_plane and 0.0 <= u <= square and 0.0 <= s <= square:
                     out = self.aside(q, corner, edge, normal)
         return out
 

@@ -9,7 +9,8 @@ from taichi_jello.physics.state import Memory, State
 
 @ti.data_oriented
 class LastGood:
-    """x [m] and v [m/s], (N, 3) each, of the last state in which all are finite and slower than FASTEST."""
+    """x [m] and v [m/s], (N, 3) each, of the last state that was set, or kept as all was finite and slower than
+    FASTEST."""
 
     def __init__(self, memory: Memory, state: State, team: int, x: np.ndarray, v: np.ndarray):
         self.count, self.state, self.team, self.number = memory.particles, state, team, memory.number

@@ -195,9 +195,10 @@ class Ggui:
 
     def _meshes(self, scene, name: str, meshes: list[Triangles]) -> None:
         buffers = self._buffers[name].fill([(mesh.x, mesh.rgba) for mesh in meshes], [mesh.index for mesh in meshes])
-        (rows, index), (vertices, corners) = buffers.info, buffers.counts
+        vertices, corners = buffers.counts
         if not corners:
             return
+        rows, index = buffers.info
         # One instance, which stays where it is. GGUI moves what is no instance by 0 times a matrix that nobody has
         # written, and where that memory holds a NaN nothing is drawn.
         moved = get_field_info(IDENTITY)

@@ -8,6 +8,7 @@ from touching_pairs import overlap_by_half, tangles
 
 from taichi_jello import Ball, Box, Contact, Plane, Ring, Rope, Scene, Sheet, Simulation, Snapshot, runtime, trajectory
 from taichi_jello.advice import SceneWarning
+from taichi_jello.physics.contacts import FLAT
 from taichi_jello.physics.crossed import clusters, hold_each_other, way_apart
 from taichi_jello.physics.cuts import parts, pierced, right_side, surface_edges
 from taichi_jello.physics.tangles import SOFT
@@ -39,12 +40,14 @@ def crossings(simulation):
     return found
 
 
-def placed(simulation, turns, shift):
-    """Both jellos about the origin, each turned by a matrix; the second shifted."""
+def placed(simulation, turns, shift, v=None):
+    """The first two jellos about the origin, each turned by a matrix; the second shifted."""
     body = simulation.body
-    rest = [body.rest[body.jello == j] - body.rest[body.jello == j].mean(0) for j in (0, 1)]
-    x = np.concatenate([rest[0] @ turns[0].T, rest[1] @ turns[1].T + shift])
-    simulation.restore(Snapshot(0.0, x, np.zeros_like(x)))
+    x = body.x.copy()
+    for j in (0, 1):
+        rest = body.rest[body.jello == j]
+        x[body.jello == j] = (rest - rest.mean(0)) @ turns[j].T + j * np.asarray(shift)
+    simulation.restore(Snapshot(0.0, x, np.zeros_like(x) if v is None else v))
 
 
 @pytest.fixture(scope="module")
@@ -91,24 +94,38 @@ def test_ropes_in_one_line_leave_it_by_two_sides():
 
 @pytest.fixture(scope="module")
 def ropes():
-    return Simulation(Scene(**WEIGHTLESS, jello=[Rope(points=9, length=1.0)] * 2), method="rk4")
+    """Two ropes, and a box far away, for which it is looked what is tangled."""
+    far = Box(points=(2, 2, 2), position=(50.0, 0.0, 0.0))
+    return Simulation(Scene(**WEIGHTLESS, jello=[*[Rope(points=9, length=1.0)] * 2, far]), method="rk4")
 
 
 @pytest.mark.parametrize(
     ("angle", "shift"),
-    [(90.0, (0.0, 0.0, 0.0)), (30.0, (0.0, 0.0, 0.0)), (70.0, (0.2, 0.0, 0.1)), (90.0, (0.0, 0.0, 0.45))],
+    [(90.0, (0.0, 0.0, 0.0)), (30.0, (0.0, 0.0, 0.0)), (70.0, (0.2, 0.0, 0.1)), (90.0, (0, 0, 0.45))],
 )
 def test_ropes_that_cross_in_one_plane_leave_it_by_two_sides(angle, shift, ropes):
-    """Pressed to both sides of each other all of these stayed, and one gained 11 J."""
-    placed(ropes, (np.eye(3), rotation((0.0, angle, 0.0))), np.array(shift))
-    before, first = sum(ropes.energies().values()), ropes.body.jello == 0
-    ropes.frame()
-    # A point that is pressed along the plane no more is given no more than what a soft spring holds so far apart.
-    soft = 0.5 * SOFT * ropes.scene.contact.stiffness * (2.0 * THICKNESS["rope"] / 8.0) ** 2
-    assert sum(ropes.energies().values()) < before + 4.0 * soft
+    """Pressed to both sides of each other all of these stayed."""
+    apart, energy = 2.0 * THICKNESS["rope"] / 8.0, []
+    for height in (2.0 * FLAT * apart, 0.0):
+        placed(ropes, (np.eye(3), rotation((0.0, angle, 0.0))), np.add(shift, (0.0, -height, 0.0)))
+        energy.append(sum(ropes.energies().values()))
+    assert energy[1] == pytest.approx(energy[0], rel=0.01)
     ropes.advance(0.5)
-    assert ropes.energies()["contact"] == 0.0
-    assert ropes.x[first, 1].mean() > ropes.x[~first, 1].mean() + 0.1
+    assert ropes.energies()["contact"] == 0.0 and sum(ropes.energies().values()) < energy[1]
+    first, second = (ropes.x[ropes.body.jello == j, 1].mean() for j in (0, 1))
+    assert first > second + 0.1
+
+
+def test_a_rope_that_comes_end_first_stays_in_the_plane(ropes):
+    """Its line goes through the other rope; itself it does not."""
+    v = np.where((ropes.body.jello == 1)[:, None], [0.0, 0.0, -0.5], 0.0)
+    placed(ropes, (np.eye(3), rotation((0.0, 90.0, 0.0))), (0.02, 0.0, 0.7), v)
+    energy = sum(ropes.energies().values())
+    for _ in range(60):
+        ropes.frame()
+        assert sum(ropes.energies().values()) < energy * (1.0 + 1e-5)
+    assert np.abs(ropes.x[:18, 1]).max() < 1e-6
+    assert ropes.v[ropes.body.jello == 0, 2].mean() < -0.1  # it was hit
 
 
 @pytest.mark.parametrize(

@@ -219,8 +219,7 @@ def test_of_a_larger_picture_before_nothing_is_left(name):
 
 @pytest.mark.parametrize("name", RENDERERS)
 def test_a_picture_of_what_is_no_number_spoils_none_after_it(name, cube):
-    """What the driver's memory held before is no part of a picture: meshes that were no instances were not drawn in 20
-    of the 40."""
+    """What the driver's memory held before is no part of a picture."""
     afresh = shot(name, cube)
     with opened(name) as renderer:
         for points in (4, 5, 6, 7) * 10:
