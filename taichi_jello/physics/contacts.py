@@ -14,7 +14,7 @@ from taichi_jello.physics.exits import Exits
 from taichi_jello.physics.inside import AT_HAND, Inside
 from taichi_jello.physics.loads import Loads
 from taichi_jello.physics.neighbours import ROW, Neighbours
-from taichi_jello.physics.tangles import DEEP, SOFT, Tangles
+from taichi_jello.physics.tangles import DEEP, SOFT, Tangles, as_unturned
 from taichi_jello.physics.touching import AT_ONCE, FAR, Touching
 from taichi_jello.torn import still_there
 
@@ -271,17 +271,24 @@ class Contacts(Loads):
     def side_with(self, contact, q):
         """A rope in a solid leaves it as its own points do: the solid's point q, which may be on either side of it, is
         not to push it farther in. The more it would, the softer it is, without a jump: a rope that lies on a solid has
-        its axis now above and now below the points beside it."""
-        n, way = self.normal[contact], ti.Vector([0.0, 0.0, 0.0])
+        its axis now above and now below the points beside it. Where the rope is deep it is pushed out; see
+        Tangles.turned."""
+        n, way, deep = self.normal[contact], ti.Vector([0.0, 0.0, 0.0]), ti.cast(0.0, float)
         for k in ti.static(range(2)):
             r = self.corners[contact][k]
             for its in range(r * AT_ONCE, r * AT_ONCE + self.own[r]):
                 other = self.near.jello[self.near.points[self.corners[its][0]]]
                 if self.apart[its] == 0.0 and other == self.near.jello[self.near.points[q]]:
                     way += self.weights[contact][k] * self.normal[its]
+                    deep = ti.max(deep, self.depth(its, self.there) / (DEEP * self.core[its]))
         cosine = way.dot(n) / ti.max(way.norm(), 1e-30)
         against = ti.min(ti.max((cosine - ASIDE) / (AGAINST - ASIDE), 0.0), 1.0)
-        self.share[contact] *= 1.0 - (1.0 - SOFT) * against
+        if deep < 1.0:
+            self.share[contact] *= 1.0 - (1.0 - SOFT) * against
+        elif cosine > 0.0:
+            distance = ti.abs(self.between(contact, self.there).dot(n))
+            self.normal[contact] = -n
+            self.share[contact] *= as_unturned(distance, self.apart[contact])
 
     @ti.func
     def difference(self, q, corners, weights, x):
