@@ -42,7 +42,7 @@ def painted(key: str, value: Any) -> Any:
 @dataclass(frozen=True, kw_only=True)
 class Region(Checked):
     """The springs whose middle lies, in the rest shape with 0 to 1 along each axis, in the box from `min` to `max` or,
-    where a radius is given, in the ball around `center`.
+    where a radius is given, in the ball around `center`, by default the middle.
 
     stiffness [N/m] and damping [N·s/m] of these springs, or tables by family; where left out they stay as they are.
     stiffness_factor and damping_factor multiply what the springs have: one number, or an x by y by z array of them that
@@ -52,7 +52,7 @@ class Region(Checked):
 
     min: Vector = (0.0, 0.0, 0.0)
     max: Vector = (1.0, 1.0, 1.0)
-    center: Vector = (0.5, 0.5, 0.5)
+    center: Vector | None = None
     radius: float | None = None
     stiffness: Any = None
     damping: Any = None
@@ -64,11 +64,12 @@ class Region(Checked):
         low, high = vector("min", self.min), vector("max", self.max)
         if any(a > b for a, b in zip(low, high, strict=True)):
             raise SceneError("max", f"expected at least min {list(low)} on every axis, got {list(high)}")
-        checked: dict[str, Any] = {"min": low, "max": high, "center": vector("center", self.center)}
-        if self.radius is None and checked["center"] != Region.center:
+        checked: dict[str, Any] = {"min": low, "max": high}
+        if self.radius is None and self.center is not None:
             raise SceneError("center", "expected a radius beside it")
         if self.radius is not None:
             checked["radius"] = number("radius", self.radius, above=0.0)
+            checked["center"] = vector("center", (0.5, 0.5, 0.5) if self.center is None else self.center)
         for name in ("stiffness", "damping"):
             if getattr(self, name) is not None:
                 checked[name] = by_family(name, getattr(self, name))

@@ -72,6 +72,7 @@ def test_mistakes_that_only_the_body_shows(region, words):
     [
         ({"min": (0, 1, 0), "max": (1, 0, 1)}, "max: expected at least min"),
         ({"radius": 0.0}, "radius: expected a finite number greater than 0"),
+        ({"center": (0.5, 0.5, 0.5)}, "center: expected a radius beside it"),
         ({"stiffness": -1.0}, "stiffness: expected a finite number of at least 0"),
         ({"damping_factor": [[1.0, 2.0]]}, "damping_factor: expected x by y by z numbers"),
         ({"stiffness_factor": [[[True]]]}, "stiffness_factor: expected a number or nested lists"),

@@ -82,4 +82,4 @@ def flaws(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int]:
     key, count = np.unique(forth, return_counts=True)
     back.sort()
     met = back[np.minimum(np.searchsorted(back, key), len(back) - 1)] == key
-    return int(np.count_nonzero(~met)), int(np.count_nonzero(count > 1))
+    return int(np.count_nonzero(~met & (count == 1))), int(np.count_nonzero(count > 1))
