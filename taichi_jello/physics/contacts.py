@@ -14,12 +14,12 @@ from taichi_jello.physics.exits import Exits
 from taichi_jello.physics.inside import AT_HAND, Inside
 from taichi_jello.physics.loads import Loads
 from taichi_jello.physics.neighbours import ROW, Neighbours
-from taichi_jello.physics.tangles import DEEP, SOFT, Tangles, as_unturned
+from taichi_jello.physics.tangles import DEEP, Tangles, as_unturned
 from taichi_jello.physics.touching import AT_ONCE, FAR, Touching
 from taichi_jello.torn import still_there
 
 BETWEEN = 0.5  # times as deep as usual is the core between a rope and a rope or sheet
-ASIDE, AGAINST = 0.2, 0.7  # the cosines between which a push on a rope turns from aside to farther in
+FARTHER = 0.5  # the cosine from which on a push on a rope in a solid goes farther in
 LATE = 1.5  # times as deep as a core has to be what comes too near to a thin body for both to be braked as wholes
 FLAT = 1e-3  # times how far ropes are kept apart: those that cross nearer than this to one plane count as in it
 TINY = 1e-9  # m
@@ -270,8 +270,8 @@ class Contacts(Loads):
     @ti.func
     def side_with(self, contact, q):
         """A rope in a solid leaves it as its own points do: the solid's point q, which may be on either side of it, is
-        not to push it farther in. The more it would, the softer it is, without a jump: a rope that lies on a solid has
-        its axis now above and now below the points beside it. Where the rope is deep it is pushed out; see
+        not to push it farther in. The more it would, the less it counts, without a jump: a rope that lies on a solid
+        has its axis now above and now below the points beside it. Where the rope is deep it is pushed out; see
         Tangles.turned."""
         n, way, deep = self.normal[contact], ti.Vector([0.0, 0.0, 0.0]), ti.cast(0.0, float)
         for k in ti.static(range(2)):
@@ -282,9 +282,8 @@ class Contacts(Loads):
                     way += self.weights[contact][k] * self.normal[its]
                     deep = ti.max(deep, self.depth(its, self.there) / (DEEP * self.core[its]))
         cosine = way.dot(n) / ti.max(way.norm(), 1e-30)
-        against = ti.min(ti.max((cosine - ASIDE) / (AGAINST - ASIDE), 0.0), 1.0)
         if deep < 1.0:
-            self.share[contact] *= 1.0 - (1.0 - SOFT) * against
+            self.share[contact] *= 1.0 - ti.min(ti.max(cosine / FARTHER, 0.0), 1.0)
         elif cosine > 0.0:
             distance = ti.abs(self.between(contact, self.there).dot(n))
             self.normal[contact] = -n
