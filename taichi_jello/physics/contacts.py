@@ -218,9 +218,9 @@ class Contacts(Loads):
                     if ti.min(self.near.radius[own], self.near.radius[other]) > 0.0:
                         self.core[contact] *= ti.select(self.is_rope[own] + self.is_rope[other] > 0, BETWEEN, 1.0)
                     if self.is_rope[own] + self.is_rope[other] == 2:
-                        square = self.out_of_plane(q, corners[0], a, b - a, apart)
-                        if square.any():
-                            n = square.normalized()
+                        way = self.out_of_plane(q, corners[0], a, b - a, apart)
+                        if way.any():
+                            n = way.normalized()
                             self.share[contact] = ti.max(0.0, 1.0 - distance / apart) ** 2  # stores what it did
                 self.tell(own, other, apart - distance, LATE * self.core[contact])
                 if ti.static(self.can_tangle):

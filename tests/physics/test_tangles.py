@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from touching_pairs import overlap_by_half, tangles
+from touching_pairs import overlap_by_half, placed, tangles
 
-from taichi_jello import Ball, Box, Contact, Plane, Ring, Rope, Scene, Sheet, Simulation, Snapshot, runtime, trajectory
+from taichi_jello import Ball, Box, Contact, Plane, Ring, Rope, Scene, Sheet, Simulation, runtime, trajectory
 from taichi_jello.advice import SceneWarning
 from taichi_jello.physics.contacts import FLAT
 from taichi_jello.physics.crossed import clusters, hold_each_other, way_apart
@@ -38,16 +38,6 @@ def crossings(simulation):
             u, v, t = np.linalg.solve(system[fit], (p[fit] - x[i])[:, :, None])[:, :, 0].T
             found += np.count_nonzero((u > 0.0) & (v > 0.0) & (u + v < 1.0) & (t > 0.0) & (t < 1.0))
     return found
-
-
-def placed(simulation, turns, shift, v=None):
-    """The first two jellos about the origin, each turned by a matrix; the second shifted."""
-    body = simulation.body
-    x = body.x.copy()
-    for j in (0, 1):
-        rest = body.rest[body.jello == j]
-        x[body.jello == j] = (rest - rest.mean(0)) @ turns[j].T + j * np.asarray(shift)
-    simulation.restore(Snapshot(0.0, x, np.zeros_like(x) if v is None else v))
 
 
 @pytest.fixture(scope="module")

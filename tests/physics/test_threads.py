@@ -142,5 +142,7 @@ def test_only_ropes_beside_solids_are_looked_for():
     found = tangles(made(far, CUBE))
     assert isinstance(found.threads, Threads) and not found.has_sheets and not found.has_bent
     assert found.threads.close(found.body.x, True) == []
-    assert tangles(made(Box(points=(1, 1, 1)), CUBE)) is None  # a single point has no segments
+    single = made(Box(points=(1, 1, 1)), CUBE)  # a single point has no segments
+    single.frame()
+    assert tangles(single) is None
     assert tangles(made(Rope(), Sheet(points=(3, 3)))).threads is None and tangles(made(Rope(), far)) is None

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from touching_pairs import touch
+from touching_pairs import placed, touch
 
 from taichi_jello import (
     Ball,
     Box,
     Contact,
     Pin,
+    Plane,
     Rope,
     Scene,
     SceneError,
@@ -161,17 +162,26 @@ def test_a_corner_that_comes_in_over_an_edge_is_not_pressed_at_once_as_deep_as_i
 
 def test_a_jello_thrown_at_twenty_metres_a_second_does_not_pass():
     simulation = Simulation(Scene(**WEIGHTLESS, jello=[cube(0.0, 0.0, 0.0), cube(-1.6, 0.1, 0.13)]))
-    first, x = (simulation.body.jello == 0)[:, None], simulation.body.x
-    middle = np.where(first, 0.0, [-1.6, 0.1, 0.13])
+    v = np.where((simulation.body.jello == 0)[:, None], 0.0, [20.0, 0.0, 0.0])
     for turn in (np.eye(3), rotation((10.0, 20.0, 30.0))):
-        placed = np.where(first, x, (x - middle) @ turn.T + middle)
-        simulation.restore(Snapshot(0.0, placed, np.where(first, 0.0, [20.0, 0.0, 0.0])))
+        placed(simulation, (np.eye(3), turn), (-1.6, 0.1, 0.13), v)
         for _ in range(20):
             simulation.frame()
             still, moving = middles(simulation)
             assert moving[0] < still[0] - 0.2
         velocity = [simulation.v[simulation.body.jello == j, 0].mean() for j in (0, 1)]
         assert velocity[0] > velocity[1] + 1.0  # apart again
+
+
+def test_a_stack_at_rest_has_no_gaps():
+    jello = [cube(0.0, 0.5, 0.0, stiffness=500.0), cube(0.1, 1.52, 0.05, rotation=(0, 20, 0), stiffness=500.0)]
+    simulation = Simulation(Scene(jello=jello, collider=[Plane()], contact=Contact(damping=2.0)))
+    simulation.advance(4.0)
+    assert simulation.energies()["kinetic"] < 1e-5
+    low, high = (simulation.x[simulation.body.jello == j] for j in (0, 1))
+    under, over = high.reshape(4, 4, 4, 3)[:, 0], low.reshape(4, 4, 4, 3)[:, -1]
+    inner = np.all(np.abs(under[..., [0, 2]] - over[..., [0, 2]].mean((0, 1))) < 0.4, axis=-1)
+    assert np.abs(under[inner, 1] - over[1:3, 1:3, 1].mean()).max() < 0.05 / 3  # of the spacing
 
 
 def heights(x, triangles, columns, side):

@@ -1,4 +1,4 @@
-"""What tests of jellos that touch share: their contact force, and pairs placed half in each other."""
+"""What tests of jellos that touch share: their contact force, and pairs placed in each other and beside."""
 
 import numpy as np
 
@@ -13,6 +13,16 @@ def touch(simulation):
 
 def tangles(simulation):
     return touch(simulation).contacts.tangles
+
+
+def placed(simulation, turns, shift, v=None):
+    """The first two jellos about the origin, each turned by a matrix; the second shifted."""
+    body = simulation.body
+    x = body.x.copy()
+    for j in (0, 1):
+        rest = body.rest[body.jello == j]
+        x[body.jello == j] = (rest - rest.mean(0)) @ turns[j].T + j * np.asarray(shift)
+    simulation.restore(Snapshot(0.0, x, np.zeros_like(x) if v is None else v))
 
 
 def overlap_by_half(simulation, pose):
