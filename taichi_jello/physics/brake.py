@@ -14,13 +14,15 @@ from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.state import Memory
 
 BOUNCE = 0.1  # of the speed at which they came: with none, what was crushed may come apart on the other side
+WHOLE = 4096.0  # times a side's normal is summed, in whole numbers: in whatever order, the sum is the same
 SLIM = 1e-4  # of a round body's inertia and mass: what has less does not turn
 
 
 @ti.data_oriented
 class Brake:
-    """deep[J a + b]: whether one of the jellos a and b is in a core of the other one; any[0]: whether any is. What
-    may melt or tear is not braked."""
+    """deep[J a + b]: whether one of the jellos a and b is in a core of the other one; any[0]: whether any is;
+    sides[J a + b]: the way out of b for a, the sum of the normals where a rope is in the other one, zero where none is.
+    What may melt or tear is not braked."""
 
     def __init__(self, title: str, memory: Memory, near: Neighbours):
         self.near, self.jellos = near, near.jellos
@@ -28,6 +30,9 @@ class Brake:
         self.firm = memory.table(title, "firm jellos", (~touching.loose).astype(np.int32))
         self.deep = memory.zeros(title, "pairs in a core", (J * J,), whole=True)
         self.any = memory.zeros(title, "any in a core", (1,), whole=True)
+        self.sided = touching.has_threads or near.has_lines
+        if self.sided:
+            self.sides = memory.zeros(title, "sides of cores", (J * J, 3), whole=True)
         names = ("centres", "speeds", "spins", "pushes", "turns")
         self.centre, self.speed, self.spin, self.push, self.turn = (
             memory.zeros(title, f"{name} of jellos", (J, 3)) for name in names
@@ -42,13 +47,29 @@ class Brake:
         if self.any[0] == 1:
             for pair in range(self.jellos * self.jellos):
                 self.deep[pair] = 0
+                if ti.static(self.sided):
+                    self.sides[pair] = ti.Vector([0, 0, 0])
             self.any[0] = 0
 
     @ti.func
     def notice(self, a, b):
         """Jello a has a point in a core of jello b."""
-        if a != b and ti.min(self.firm[a], self.firm[b]) > 0:
+        if self.minds(a, b):
             self.deep[a * self.jellos + b] = self.deep[b * self.jellos + a] = self.any[0] = 1
+
+    @ti.func
+    def notice_side(self, a, b, n):
+        """The same, and that the point is to leave along n."""
+        self.notice(a, b)
+        if self.minds(a, b):
+            for k in ti.static(range(3)):
+                part = ti.cast(ti.round(WHOLE * n[k]), int)
+                self.sides[a * self.jellos + b][k] += part
+                self.sides[b * self.jellos + a][k] -= part
+
+    @ti.func
+    def minds(self, a, b):
+        return a != b and ti.min(self.firm[a], self.firm[b]) > 0
 
     @ti.func
     def brake(self, system, first, last, x, v):
@@ -111,13 +132,22 @@ class Brake:
         for k in range(self.jellos):
             if self.deep[j * self.jellos + k] == 1 and ti.min(self.mass[j], self.mass[k]) > 0.0:
                 way, speed = self.centre[j] - self.centre[k], self.speed[j] - self.speed[k]
-                if way.dot(speed) < 0.0:
+                if way.dot(speed) < 0.0 or self.goes_deeper(j, k, speed):
                     lost, whirl = self.lost(j, k, way, speed)
                     share = 1.0 / ti.max(self.pairs[j], self.pairs[k])
                     other = self.mass[k] / (self.mass[j] + self.mass[k])
                     push += share * (lost + whirl.cross(other * way))
                     turn += share * whirl
         return push, turn
+
+    @ti.func
+    def goes_deeper(self, j, k, speed):
+        """Whether jello j goes on into jello k, beside it at `speed`, by the sides on which they touch: the middle of a
+        rope that is drawn round a bar, or through a ring, may have passed the other's long ago."""
+        deeper = False
+        if ti.static(self.sided):
+            deeper = ti.cast(self.sides[j * self.jellos + k], float).dot(speed) < 0.0
+        return deeper
 
     @ti.func
     def lost(self, j, k, way, speed):

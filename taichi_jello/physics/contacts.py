@@ -1,7 +1,7 @@
 """Which points touch which other jello, and where: found once a step, at the place that the step is about to reach.
 
 A point that is inside a solid jello is to leave it (see exits.py). Sheets and ropes have no inside: points keep a
-radius away from their triangles and segments.
+radius away from their triangles and segments; for ropes see ropes.py.
 """
 
 import numpy as np
@@ -12,25 +12,23 @@ from taichi_jello.physics.cores import CORE
 from taichi_jello.physics.elements import nearer
 from taichi_jello.physics.exits import Exits
 from taichi_jello.physics.inside import AT_HAND, Inside
-from taichi_jello.physics.loads import Loads
 from taichi_jello.physics.neighbours import ROW, Neighbours
-from taichi_jello.physics.tangles import DEEP, Tangles, as_unturned
+from taichi_jello.physics.ropes import TWICE, Ropes
+from taichi_jello.physics.tangles import DEEP, Tangles
 from taichi_jello.physics.touching import AT_ONCE, FAR, Touching
 from taichi_jello.torn import still_there
 
-BETWEEN = 0.5  # times as deep as usual is the core between a rope and a rope or sheet
-FARTHER = 0.5  # the cosine from which on a push on a rope in a solid goes farther in
+BETWEEN = 0.5  # times as deep as usual is the core of what a rope touches: it may be deeper between its points
 LATE = 1.5  # times as deep as a core has to be what comes too near to a thin body for both to be braked as wholes
-FLAT = 1e-3  # times how far ropes are kept apart: those that cross nearer than this to one plane count as in it
-TINY = 1e-9  # m
-UP, SIDEWAYS = ti.Vector([0.0, 1.0, 0.0]), ti.Vector([1.0, 0.0, 0.0])
 
 
 @ti.data_oriented
-class Contacts(Loads):
+class Contacts(Ropes):
     """Point q has own[q] contacts, of which n is number AT_ONCE q + n, with the place Σ weights · corners of another
-    jello's surface: along `normal` it is to be kept `apart` [m] from there. `share`: how much the contact counts for;
-    `core` [m]: the depth beyond which it must not go on, CORE of how thick the other jello is there."""
+    jello's surface: along `normal` it is to be kept `apart` [m] from there. Where it is not the point itself that
+    touches but a place between it and the next one on its rope, the third corner is that one and has a weight less than
+    0: the point's own weight is the sum of all three. `share`: how much the contact counts for; `core` [m]: the depth
+    beyond which it must not go on, CORE of how thick the other jello is there."""
 
     rounds = 5
 
@@ -60,8 +58,6 @@ class Contacts(Loads):
         self.brake = Brake(title, memory, self.near) if self.can_brake else None
         self.can_thread = others and touching.has_threads
         self.has_ropes = others and bool(touching.rope.any()) and int(np.sum(touching.rope | touching.sheet)) > 1
-        if self.can_thread or self.has_ropes:
-            self.is_rope = table("ropes", touching.rope.astype(np.int32))
         if self.has_solid:
             self.inside = Inside(title, memory, self.near, self.there, self.place)
             self.exits = Exits(title, memory, self.near, self.there, self.place, self.tangles)
@@ -155,16 +151,19 @@ class Contacts(Loads):
                 best, corners, weights, counts = self.exits.leave(q, e)
                 if best < FAR:
                     contact = q * AT_ONCE + met
-                    self.core[contact], self.share[contact] = self.exits.core[e], counts
-                    self.tell(self.near.jello[self.near.points[q]], self.near.owner[e], best, self.exits.core[e])
+                    own, done, core = self.near.jello[self.near.points[q]], self.near.owner[e], self.exits.core[e]
+                    self.core[contact], self.share[contact] = core, counts
+                    self.tell(own, done, best, core)
                     met += self.note(q, met, corners, weights, best, True, v, ahead)
-                    done = self.near.owner[e]
+                    if ti.static(self.can_thread and self.can_brake):  # noqa: SIM102 - decided when it is compiled
+                        if self.near.is_rope[own] and best > BETWEEN * core:
+                            self.brake.notice_side(own, done, self.normal[contact])
         return met
 
     @ti.func
     def tell(self, a, b, depth, core):
         """Have brake and tangles know of a point of jello a that is `depth` [m] in b, which has its core there."""
-        if ti.static(self.can_brake):  # noqa: SIM102 - decided when it is compiled
+        if ti.static(self.can_brake):  # noqa: SIM102
             if depth > core:
                 self.brake.notice(a, b)
         if ti.static(self.can_tangle):  # noqa: SIM102
@@ -188,9 +187,14 @@ class Contacts(Loads):
                     met += self.note(q, met, corners, weights, best, False, v, ahead)
                 jello, best = other, FAR
             if k < end and e >= self.solid and self.may_touch(q, e):
-                nodes = self.near.nodes[e]
+                nodes, halves = self.near.nodes[e], 0
                 own = ti.Vector([self.point_of[nodes[0]], self.point_of[nodes[1]], self.point_of[nodes[2]]])
-                best, corners, weights = nearer(self.place, p, own, best, corners, weights)
+                if ti.static(self.near.has_lines):
+                    halves = self.near.is_rope[self.near.jello[self.near.points[q]]] * self.near.is_rope[other]
+                if halves:
+                    best, corners, weights = self.nearer_half(q, own, best, corners, weights)
+                else:
+                    best, corners, weights = nearer(self.place, p, own, best, corners, weights)
         return met
 
     @ti.func
@@ -198,10 +202,11 @@ class Contacts(Loads):
         """Write down contact `number` of point q, which is `distance` [m] from the place on a surface that it touches:
         inside a solid, or outside a thin body. Returns 0 if it is too far from that to touch within the step."""
         a, b, c = self.place[corners[0]], self.place[corners[1]], self.place[corners[2]]
-        contact, out = q * AT_ONCE + number, weights[0] * a + weights[1] * b + weights[2] * c - self.place[q]
+        contact, out = q * AT_ONCE + number, weights[0] * a + weights[1] * b + weights[2] * c
+        out -= self.own_weight(weights) * self.place[q]
         if not solid:
             out = -out
-        if distance < TINY:
+        if distance < self.least_distance(q, corners):
             out = (b - a).cross(c - a)
             if not solid:
                 out = self.aside(q, corners[0], b - a, out)
@@ -214,14 +219,15 @@ class Contacts(Loads):
                 approach = ti.abs(self.difference(q, corners, weights, v).dot(n))
                 touches = distance < apart + ahead * approach
                 self.core[contact], self.share[contact] = 2.0 * CORE * apart, 1.0
-                if ti.static(self.has_ropes):  # they may cross between points, far from the nearest
-                    if ti.min(self.near.radius[own], self.near.radius[other]) > 0.0:
-                        self.core[contact] *= ti.select(self.is_rope[own] + self.is_rope[other] > 0, BETWEEN, 1.0)
-                    if self.is_rope[own] + self.is_rope[other] == 2:
-                        way = self.out_of_plane(q, corners[0], a, b - a, apart)
-                        if way.any():
-                            n = way.normalized()
-                            self.share[contact] = ti.max(0.0, 1.0 - distance / apart) ** 2  # stores what it did
+                if ti.static(self.has_ropes):
+                    ropes = self.near.is_rope[own] + self.near.is_rope[other]
+                    if ropes > 0 and ti.min(self.near.radius[own], self.near.radius[other]) > 0.0:
+                        self.core[contact] *= BETWEEN
+                    if ti.static(self.near.has_lines and self.can_brake):  # noqa: SIM102
+                        if ropes == 2 and apart - distance > LATE * self.core[contact]:
+                            self.brake.notice_side(own, other, n)
+                    if ropes == 2:
+                        self.share[contact] = TWICE
                 self.tell(own, other, apart - distance, LATE * self.core[contact])
                 if ti.static(self.can_tangle):
                     n, counts = self.tangles.turned(q, other, n, distance, apart)
@@ -232,67 +238,9 @@ class Contacts(Loads):
         return touches
 
     @ti.func
-    def aside(self, q, corner, edge, normal):
-        """The way apart of the point q and a place beside `corner` of a thin body that it lies in: along a triangle's
-        normal, or square to a segment's edge, to one side for the first of two jellos, to the other for the second."""
-        if normal.norm_sqr() == 0.0:
-            normal = edge.cross(ti.select(ti.abs(edge[1]) < 0.9 * edge.norm(), UP, SIDEWAYS))
-        side = normal.dot(ti.Vector([0.1, 1.0, 0.01]))
-        first = self.near.points[q] < self.near.points[corner]
-        return ti.select((side > 0.0) == first, normal, -normal)
-
-    @ti.func
-    def out_of_plane(self, q, corner, a, edge, apart):
-        """Where a rope crosses the `edge` from a of another rope, in one plane and between point q and the one beside
-        it: the way square to both for q. Zero where it does not. In the plane each would be pressed to both sides of
-        the other, and they would stay."""
-        p, out = self.place[q], 0.0 * edge
-        for k in ti.static(range(2)):
-            r = ti.min(ti.max(q + 2 * k - 1, 0), self.points - 1)  # points are numbered along a rope
-            if self.near.jello[self.near.points[r]] == self.near.jello[self.near.points[q]]:
-                along = self.place[r] - p
-                normal = along.cross(edge)
-                square = normal.norm_sqr()
-                # p + u / square along = a + s / square edge
-                u, s = normal.dot(edge.cross(p - a)), normal.dot(along.cross(p - a))
-                in_plane = normal.dot(p - a) ** 2 <= (FLAT * apart) ** 2 * square
-                if square > 0.0 and in_plane and 0.0 <= u <= square and 0.0 <= s <= square:
-                    out = self.aside(q, corner, edge, normal)
-        return out
-
-    @ti.func
-    def side_with_ropes(self, q):
-        for contact in range(q * AT_ONCE, q * AT_ONCE + self.own[q]):
-            touched = self.near.jello[self.near.points[self.corners[contact][0]]]
-            if self.apart[contact] > 0.0 and self.is_rope[touched]:
-                self.side_with(contact, q)
-
-    @ti.func
-    def side_with(self, contact, q):
-        """A rope in a solid leaves it as its own points do: the solid's point q, which may be on either side of it, is
-        not to push it farther in. The more it would, the less it counts, without a jump: a rope that lies on a solid
-        has its axis now above and now below the points beside it. Where the rope is deep it is pushed out; see
-        Tangles.turned."""
-        n, way, deep = self.normal[contact], ti.Vector([0.0, 0.0, 0.0]), ti.cast(0.0, float)
-        for k in ti.static(range(2)):
-            r = self.corners[contact][k]
-            for its in range(r * AT_ONCE, r * AT_ONCE + self.own[r]):
-                other = self.near.jello[self.near.points[self.corners[its][0]]]
-                if self.apart[its] == 0.0 and other == self.near.jello[self.near.points[q]]:
-                    way += self.weights[contact][k] * self.normal[its]
-                    deep = ti.max(deep, self.depth(its, self.there) / (DEEP * self.core[its]))
-        cosine = way.dot(n) / ti.max(way.norm(), 1e-30)
-        if deep < 1.0:
-            self.share[contact] *= 1.0 - ti.min(ti.max(cosine / FARTHER, 0.0), 1.0)
-        elif cosine > 0.0:
-            distance = ti.abs(self.between(contact, self.there).dot(n))
-            self.normal[contact] = -n
-            self.share[contact] *= as_unturned(distance, self.apart[contact])
-
-    @ti.func
     def difference(self, q, corners, weights, x):
         """What point q has of a field x, less what the place has that it touches."""
-        d = self.near.at(q, x)
+        d = self.own_weight(weights) * self.near.at(q, x)
         for k in ti.static(range(3)):
             d -= weights[k] * self.near.at(corners[k], x)
         return d

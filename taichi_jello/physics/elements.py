@@ -5,6 +5,7 @@ import taichi as ti
 from taichi_jello.physics.touching import FAR
 
 ROOT_FAR = FAR**0.5  # m
+PARALLEL = 1e-6  # the square of the sine between segments up to which they are so, by their ends alone
 AROUND = (4, 6, 2, 3, 1, 5)  # the corners of a cell around its diagonal from corner 0 to corner 7
 
 
@@ -46,6 +47,22 @@ def nearer(place: ti.template(), p, triangle, best, corners, weights):
         if distance < best:
             best, corners, weights = distance, triangle, w
     return best, corners, weights
+
+
+@ti.func
+def closest(p, along, most, a, edge):
+    """Where the segments p + u along, 0 <= u <= most, and a + s edge, 0 <= s <= 1, are nearest to each other: u and s
+    (Ericson, Real-Time Collision Detection, 5.1.9)."""
+    way, dd, ee, de = p - a, along.norm_sqr(), ti.max(edge.norm_sqr(), 1e-30), along.dot(edge)
+    down, up = along.dot(way), edge.dot(way)
+    size, u = dd * ee - de * de, ti.cast(0.0, float)
+    if size > PARALLEL * dd * ee:
+        u = ti.math.clamp((de * up - down * ee) / size, 0.0, most)
+    s = (de * u + up) / ee
+    if s < 0.0 or s > 1.0:
+        s = ti.math.clamp(s, 0.0, 1.0)
+        u = ti.math.clamp((de * s - down) / ti.max(dd, 1e-30), 0.0, most)
+    return u, s
 
 
 @ti.func

@@ -12,8 +12,9 @@ LOAD = 2.0  # whole contacts that press on one point with full stiffness: its ow
 @ti.data_oriented
 class Loads:
     """For Contacts, which knows what is near and has their corners, weights and shares: list and weight_in, from SLOTS
-    q on: the listed[q] contacts that press on point q, in ascending order, and its weight in each: 1 in its own, less
-    than 0 where it is a corner. load: how many, in whole contacts, a corner has its share of one."""
+    q on: the listed[q] contacts that press on point q, in ascending order, and its weight in each: above 0 in its own,
+    of which it has own_weight, less where it is a corner. load: how many, in whole contacts, a corner has its share of
+    one."""
 
     def __init__(self, title: str, memory: Memory, points: int):
         self.load = memory.zeros(title, "loads", (points,))
@@ -26,9 +27,9 @@ class Loads:
         """List the contacts of point q with those of the points from_ … to - 1 that they press on. (Members of a team
         go through all contacts, each for its own points: what two write to makes both wait.)"""
         for contact in range(q * AT_ONCE, q * AT_ONCE + self.own[q]):
-            self.enlist(contact, q, 1.0, from_, to)
+            self.enlist(contact, q, self.own_weight(self.weights[contact]), from_, to)
             for k in ti.static(range(3)):
-                if self.weights[contact][k] > 0.0:
+                if self.weights[contact][k] != 0.0:
                     self.enlist(contact, self.corners[contact][k], -self.weights[contact][k], from_, to)
 
     @ti.func
@@ -53,7 +54,7 @@ class Loads:
         for k in range(self.rounds_of(q)):
             contact, g = self.pressing(q, k)
             if g != 0.0:
-                load += ti.abs(g) * self.part(contact // AT_ONCE)
+                load += ti.abs(g) * self.part(contact // AT_ONCE) * self.whole_share(contact)
         self.load[q] = load / self.part(q)
 
     @ti.func
@@ -62,7 +63,7 @@ class Loads:
         for contact in range(q * AT_ONCE, q * AT_ONCE + self.own[q]):
             most = ti.max(self.load[q], LOAD)
             for k in ti.static(range(3)):
-                if self.weights[contact][k] > 0.0:
+                if self.weights[contact][k] != 0.0:
                     most = ti.max(most, self.load[self.corners[contact][k]])
             self.share[contact] = self.share[contact] * (LOAD / most)
 
@@ -71,7 +72,7 @@ class Loads:
         g = ti.cast(0.0, float)
         if contact % AT_ONCE < self.own[contact // AT_ONCE]:
             if contact // AT_ONCE == q:
-                g += 1.0
+                g += self.own_weight(self.weights[contact])
             for k in ti.static(range(3)):
                 if self.corners[contact][k] == q:
                     g -= self.weights[contact][k]

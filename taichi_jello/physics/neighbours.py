@@ -67,6 +67,9 @@ class Neighbours(Margins):
         self.found = zeros("found", self.rows * ROW)
         self.listed, self.busy = zeros("how many found", self.count), zeros("busy points", self.count)
         self.others, self.itself, self.with_self = others, itself, bool(itself.any())
+        self.has_lines = bool((others and touching.rope.sum() > 1) or itself[touching.rope].any())
+        if self.has_lines or (others and touching.rope.any()):
+            self.is_rope = table("ropes", touching.rope.astype(np.int32))
         if self.with_self:
             self.alone = table("meets itself", itself.astype(np.int32))
             self.rest = table("rest", body.rest)
@@ -102,13 +105,28 @@ class Neighbours(Margins):
         return p
 
     @ti.func
-    def reach_of(self, q):
-        """How far from its way point q may touch before the lists are made again."""
+    def beside(self, q, k: ti.template()):
+        """The point before, for k = 0, or behind point q on its rope; q itself where there is none."""
+        r = ti.min(ti.max(q + 2 * k - 1, 0), self.count - 1)  # points are numbered along a rope
+        return ti.select(self.jello[self.points[r]] == self.jello[self.points[q]], r, q)
+
+    @ti.func
+    def reach_of(self, q, x):
+        """How far from its way point q, with half of the segments beside it, may touch before the lists are made
+        again."""
         reach = self.margin[self.points[q]]
         if ti.static(self.skinned):  # noqa: SIM102
             if q >= self.bare:
                 for k in range(8):
                     reach = ti.max(reach, self.margin[self.corners[q - self.bare][k]])
+        if ti.static(self.has_lines):  # noqa: SIM102
+            if self.is_rope[self.jello[self.points[q]]]:
+                half = ti.cast(0.0, float)
+                for k in ti.static(range(2)):
+                    r = self.beside(q, k)
+                    reach = ti.max(reach, self.margin[self.points[r]])
+                    half = ti.max(half, 0.5 * (self.at(r, x) - self.at(q, x)).norm())
+                reach += half
         return reach + self.radius[self.jello[self.points[q]]]
 
     @ti.kernel
@@ -212,7 +230,7 @@ class Neighbours(Margins):
     @ti.func
     def _list(self, q, x):
         """List what is near point q."""
-        a, p, reach = self.jello[self.points[q]], self.at(q, x), self.reach_of(q)
+        a, p, reach = self.jello[self.points[q]], self.at(q, x), self.reach_of(q, x)
         listed, place, k = 0, 0, 0
         while k < self.jellos and self.met[a * self.jellos + k] >= 0:
             b = self.met[a * self.jellos + k]

@@ -10,6 +10,7 @@ from taichi_jello.body import Body
 from taichi_jello.physics.cuts import goes_through, surface_edges
 from taichi_jello.physics.touching import Touching
 
+HALVINGS = 30  # of a step in which something goes through
 FINE = np.arange(20) / 20  # of each segment, where it is looked at
 Array = np.ndarray[Any, Any]
 TETRAHEDRA = np.array([[0, 1, 2, 4], [1, 2, 3, 7], [1, 2, 4, 7], [1, 4, 5, 7], [2, 4, 6, 7]])  # of a cell's corners
@@ -44,16 +45,18 @@ class Lines:
 
     def __init__(self, lines: Callable[[Array], list[Array]]):
         """lines: the segments (S, 2, 3) of both for the particles at x (N, 3)."""
-        self.lines, self.volumes, self.net = lines, np.zeros((1, 1)), 0
+        self.lines, self.net = lines, 0
+        self.before: list[Array] | None = None
 
     @property
     def went(self) -> bool:
         return self.net != 0
 
     def look(self, x: Array, level: bool) -> None:
-        volumes, within = segments_cross(*self.lines(x))
-        self.net += int(np.sum(np.sign(volumes) * ((volumes * self.volumes < 0.0) & within)))
-        self.volumes = volumes
+        after = self.lines(x)
+        if self.before is not None:
+            self.net += crossed(self.before, after)
+        self.before = after
 
 
 class Solids:
@@ -101,16 +104,34 @@ def share_inside(points: Array, cells: Array) -> float:
     return float(np.mean(np.any((part.min(2) >= 0.0) & (part.sum(2) <= 1.0), axis=1)))
 
 
+def crossed(before: list[Array], after: list[Array]) -> int:
+    """How many more of the segments (A, 2, 3) and (B, 2, 3) go through each other to one side than to the other one, on
+    straight ways from `before` to `after`: they meet within both where the volume between them is 0."""
+    pairs = np.indices((len(after[0]), len(after[1]))).reshape(2, -1)
+    start, end = ([line[own] for line, own in zip(lines, pairs, strict=True)] for lines in (before, after))
+    sign, last = (np.sign(segments_cross(*lines)[0]) for lines in (start, end))
+    some = sign * last < 0.0
+    start, way = [line[some] for line in start], [(b - a)[some] for a, b in zip(start, end, strict=True)]
+    low, high = np.zeros(len(start[0])), np.ones(len(start[0]))
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        volume, within = segments_cross(*(a + middle[:, None, None] * b for a, b in zip(start, way, strict=True)))
+        early = np.sign(volume) == sign[some]
+        low, high = np.where(early, middle, low), np.where(early, high, middle)
+    return int(np.sum(last[some] * within))
+
+
 def segments_cross(one: Array, other: Array) -> tuple[Array, Array]:
-    """(A, B) six times the volume between each two of the segments (A, 2, 3) and (B, 2, 3), whose sign changes as one
-    goes through the other; and whether their lines are nearest to each other within both of them."""
-    p, q = one[:, None, 0], other[None, :, 0]
-    d, e, r = one[:, None, 1] - p, other[None, :, 1] - q, p - q
+    """(K,) six times the volume between each of the segments (K, 2, 3) and its other one, whose sign changes as one
+    line goes through the other, or as they turn by where they are parallel; and whether the lines are nearest to each
+    other within both segments."""
+    p, q = one[:, 0], other[:, 0]
+    d, e, r = one[:, 1] - p, other[:, 1] - q, p - q
     dd, ee, de = ((u * w).sum(-1) for u, w in ((d, d), (e, e), (d, e)))
     dr, er = (d * r).sum(-1), (e * r).sum(-1)
     size = np.maximum(dd * ee - de * de, 1e-30)
     s, t = (de * er - dr * ee) / size, (dd * er - de * dr) / size
-    return -np.einsum("abk,abk->ab", np.cross(d, e), r), (s > 0.0) & (s < 1.0) & (t > 0.0) & (t < 1.0)
+    return -np.einsum("kd,kd->k", np.cross(d, e), r), (s > 0.0) & (s < 1.0) & (t > 0.0) & (t < 1.0)
 
 
 def linking(one: Array, other: Array) -> float:

@@ -8,9 +8,9 @@ from touching_pairs import overlap_by_half, placed, tangles
 
 from taichi_jello import Ball, Box, Contact, Plane, Ring, Rope, Scene, Sheet, Simulation, runtime, trajectory
 from taichi_jello.advice import SceneWarning
-from taichi_jello.physics.contacts import FLAT
 from taichi_jello.physics.crossed import clusters, hold_each_other, way_apart
 from taichi_jello.physics.cuts import parts, pierced, right_side, surface_edges
+from taichi_jello.physics.ropes import FLAT
 from taichi_jello.physics.tangles import SOFT
 from taichi_jello.physics.touching import THICKNESS, Touching
 from taichi_jello.shapes.lattice import rotation

@@ -11,7 +11,7 @@ from taichi_jello.assembly import assembled
 from taichi_jello.studies import contact
 from taichi_jello.studies._pairs import Pair, apart, linked, overlapped, posed
 from taichi_jello.studies._report import write_csv
-from taichi_jello.studies._through import Lines, Sheets, Solids, segments_cross, share_inside, watched
+from taichi_jello.studies._through import Lines, Sheets, Solids, crossed, segments_cross, share_inside, watched
 
 QUICK = {"quick": True, "quiet": True, "arch": "cpu", "threads": 1, "precision": "f32", "json": None, "method": None}
 
@@ -70,8 +70,24 @@ def test_the_sign_of_a_volume_changes_as_lines_cross():
     one = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]])
     for height in (0.1, -0.1):
         volume, within = segments_cross(one, np.array([[[0.3, height, -1.0], [0.3, height, 1.0]]]))
-        assert volume[0, 0] == pytest.approx(-2.0 * height) and within[0, 0]
-    assert not segments_cross(one, np.array([[[1.1, 0.1, -1.0], [1.1, 0.1, 1.0]]]))[1][0, 0]
+        assert volume[0] == pytest.approx(-2.0 * height) and within[0]
+    assert not segments_cross(one, np.array([[[1.1, 0.1, -1.0], [1.1, 0.1, 1.0]]]))[1][0]
+
+
+def test_lines_cross_where_they_meet_not_where_they_turn_by_each_other():
+    one = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]])
+
+    def other(*ends):
+        return np.array([ends])
+
+    above, below = other((0.3, 0.1, -1.0), (0.3, 0.2, 1.0)), other((0.4, -0.3, -1.0), (0.4, -0.1, 1.0))
+    assert abs(crossed([one, above], [one, below])) == 1 and crossed([one, above], [one, above]) == 0
+    assert crossed([one, above], [one, below]) == -crossed([one, below], [one, above])
+    # A scissors' blade half a metre above turns by where both are parallel: the sign changes, nothing meets.
+    scissors = [other((0.0, 0.5, -h), (1.0, 0.5, h)) for h in (0.2, -0.3)]
+    signs = [np.sign(segments_cross(one, blade)[0][0]) for blade in scissors]
+    assert signs[0] == -signs[1] and all(segments_cross(one, blade)[1][0] for blade in scissors)
+    assert crossed([one, scissors[0]], [one, scissors[1]]) == 0
 
 
 def test_rings_that_hang_in_each_other_are_linked():

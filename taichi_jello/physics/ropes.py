@@ -1,0 +1,102 @@
+"""What is special about ropes where they touch: between two of their points they may be near to what their points are
+far from.
+"""
+
+import taichi as ti
+
+from taichi_jello.physics.elements import closest
+from taichi_jello.physics.loads import Loads
+from taichi_jello.physics.tangles import DEEP, as_unturned
+from taichi_jello.physics.touching import AT_ONCE
+
+FARTHER = 0.5  # the cosine from which on a push on a rope in a solid goes farther in
+TWICE = 0.5  # what a contact of two ropes counts for: each place between points is near to two of them
+FLAT = 1e-3  # times how far ropes are kept apart: those that cross nearer than this do so in one plane
+TINY = 1e-9  # m
+UP, SIDEWAYS = ti.Vector([0.0, 1.0, 0.0]), ti.Vector([1.0, 0.0, 0.0])
+
+
+@ti.data_oriented
+class Ropes(Loads):
+    """For Contacts. A point of a rope stands for half of each segment beside it, and it is these that keep away from
+    other ropes; the place of such a contact may be between the point and the next one, see Contacts."""
+
+    @ti.func
+    def nearer_half(self, q, segment, best, corners, weights):
+        """See nearer: from one of the halves of segments beside point q of a rope."""
+        p, a = self.place[q], self.place[segment[0]]
+        edge = self.place[segment[1]] - a
+        for k in ti.static(range(2)):
+            r = self.near.beside(q, k)
+            along = self.place[r] - p
+            u, s = closest(p, along, 0.5, a, edge)
+            distance = (p + u * along - a - s * edge).norm()
+            if r != q and distance < best:
+                best, corners = distance, ti.Vector([segment[0], segment[1], r])
+                weights = ti.Vector([1.0 - s, s, -u])
+        return best, corners, weights
+
+    @ti.func
+    def own_weight(self, weights):
+        """What a point has of the place at which it touches."""
+        own = ti.cast(1.0, float)
+        if ti.static(self.near.has_lines):
+            own = weights.sum()
+        return own
+
+    @ti.func
+    def whole_share(self, contact):
+        """How much a contact counts for where no point has more of them than it may, for the sum of them."""
+        share = ti.cast(1.0, float)
+        if ti.static(self.near.has_lines):
+            share = self.share[contact]
+        return share
+
+    @ti.func
+    def least_distance(self, q, corners):
+        """The distance [m] up to which what separates two places has no direction that could be relied upon."""
+        least = ti.cast(TINY, float)
+        if ti.static(self.near.has_lines):
+            own, other = self.near.jello[self.near.points[q]], self.near.jello[self.near.points[corners[0]]]
+            if self.near.is_rope[own] * self.near.is_rope[other]:
+                least = FLAT * (self.near.radius[own] + self.near.radius[other])
+        return least
+
+    @ti.func
+    def aside(self, q, corner, edge, normal):
+        """The way apart of the point q and a place beside `corner` of a thin body that it lies in: along a triangle's
+        normal, or square to a segment's edge, to one side for the first of two jellos, to the other for the second."""
+        if normal.norm_sqr() == 0.0:
+            normal = edge.cross(ti.select(ti.abs(edge[1]) < 0.9 * edge.norm(), UP, SIDEWAYS))
+        side = normal.dot(ti.Vector([0.1, 1.0, 0.01]))
+        first = self.near.points[q] < self.near.points[corner]
+        return ti.select((side > 0.0) == first, normal, -normal)
+
+    @ti.func
+    def side_with_ropes(self, q):
+        for contact in range(q * AT_ONCE, q * AT_ONCE + self.own[q]):
+            touched = self.near.jello[self.near.points[self.corners[contact][0]]]
+            if self.apart[contact] > 0.0 and self.near.is_rope[touched]:
+                self.side_with(contact, q)
+
+    @ti.func
+    def side_with(self, contact, q):
+        """A rope in a solid leaves it as its own points do: the solid's point q, which may be on either side of it, is
+        not to push it farther in. The more it would, the less it counts, without a jump: a rope that lies on a solid
+        has its axis now above and now below the points beside it. Where the rope is deep it is pushed out; see
+        Tangles.turned."""
+        n, way, deep = self.normal[contact], ti.Vector([0.0, 0.0, 0.0]), ti.cast(0.0, float)
+        for k in ti.static(range(2)):
+            r = self.corners[contact][k]
+            for its in range(r * AT_ONCE, r * AT_ONCE + self.own[r]):
+                other = self.near.jello[self.near.points[self.corners[its][0]]]
+                if self.apart[its] == 0.0 and other == self.near.jello[self.near.points[q]]:
+                    way += self.weights[contact][k] * self.normal[its]
+                    deep = ti.max(deep, self.depth(its, self.there) / (DEEP * self.core[its]))
+        cosine = way.dot(n) / ti.max(way.norm(), 1e-30)
+        if deep < 1.0:
+            self.share[contact] *= 1.0 - ti.min(ti.max(cosine / FARTHER, 0.0), 1.0)
+        elif cosine > 0.0:
+            distance = ti.abs(self.between(contact, self.there).dot(n))
+            self.normal[contact] = -n
+            self.share[contact] *= as_unturned(distance, self.apart[contact])

@@ -1,0 +1,126 @@
+"""Ropes touch between their points, and are stopped there."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import taichi as ti
+from test_functions import call
+
+from taichi_jello import Box, Contact, Rope, Scene, Sheet, Simulation, Snapshot, runtime
+from taichi_jello.explain import facts
+from taichi_jello.physics.elements import closest
+from taichi_jello.physics.ropes import TWICE
+from taichi_jello.physics.touching import THICKNESS
+from taichi_jello.studies._pairs import Pair, thrown
+
+FREE = {"stiffness": 0.0, "damping": 0.0}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi(request):
+    runtime.start(request.config.getoption("--arch"), "f32")
+
+
+@pytest.fixture(scope="module")
+def crossed():
+    """Two ropes of segments of 1 m that are kept 1 m apart, without springs, dashpots or friction."""
+    jello = [Rope(points=4, length=3.0, **FREE), Rope(points=4, length=3.0, **FREE)]
+    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=jello, contact=Contact(damping=0.0, friction=0.0))
+    return Simulation(scene, method="rk4", substeps=1)
+
+
+def across(height, turn=70.0, along=0.1):
+    """(8, 3) the particles of both: the second is turned about the middle of the first one's middle segment, and
+    crosses it at `along` [m] from there, at a height."""
+    first = np.stack([np.arange(4) - 1.5, np.zeros(4), np.zeros(4)], 1)
+    angle = np.radians(turn)
+    second = (np.arange(4) - 1.5)[:, None] * [np.cos(angle), 0.0, np.sin(angle)] + [along, -height, 0.0]
+    return np.concatenate([first, second])
+
+
+def energy(simulation, x):
+    simulation.restore(Snapshot(0.0, x, np.zeros_like(x)))
+    return simulation.energies()["contact"]
+
+
+def test_the_nearest_places_of_two_segments():
+    """Against the least of many places on both; for parallel ones only the distance is given."""
+    draw, steps = np.random.default_rng(4), np.linspace(0.0, 1.0, 401)
+    cases = draw.standard_normal((12, 4, 3)).astype(np.float32)
+    cases[8:, 3] = cases[8:, 1] * [[2.0], [-0.5], [1.0], [0.0]]
+    for p, along, a, edge in cases:
+
+        @ti.func
+        def places(p, along, a, edge):
+            u, s = closest(p, along, 0.5, a, edge)
+            return ti.Vector([u, s])
+
+        u, s = call(places, p, along, a, edge, length=2)
+        assert 0.0 <= u <= 0.5 and 0.0 <= s <= 1.0
+        ways = (p + 0.5 * steps[:, None] * along)[:, None] - (a + steps[:, None] * edge)[None]
+        # Nearer than the nearest of the places by at most the way between two of them.
+        assert np.linalg.norm(p + u * along - a - s * edge) <= np.linalg.norm(ways, axis=2).min() + 1e-5
+
+
+def least_distance(x, i, others):
+    """From particle i with half of the segments beside it to a rope with points at `others`, of 801 and 1201 places."""
+    own = [x[i] + np.linspace(0.0, 0.5, 401)[:, None] * (x[r] - x[i]) for r in (i - 1, i + 1) if 0 <= r < len(x)]
+    places = [a + np.linspace(0.0, 1.0, 401)[:, None] * (b - a) for a, b in pairwise(others)]
+    return np.linalg.norm(np.concatenate(own)[:, None] - np.concatenate(places)[None], axis=2).min()
+
+
+def test_between_its_points_a_rope_is_kept_as_far_as_at_them(crossed):
+    """Kept apart by points alone, half a segment from where they cross, they had a push that went to nothing."""
+    apart, k, found = 2.0 * THICKNESS["rope"], crossed.scene.contact.stiffness, []
+    for height in (0.9, 0.5, 0.2, 0.01):
+        x = across(height)
+        depth = [apart - least_distance(x[4 * j :][:4], i, x[4 * (1 - j) :][:4]) for j in (0, 1) for i in range(4)]
+        found.append(energy(crossed, x))
+        # Places 1/800 beside the nearest are by 1e-6 / 2 distance farther, at 0.01 by 1e-4.
+        assert found[-1] == pytest.approx(TWICE * 0.5 * k * np.sum(np.maximum(depth, 0.0) ** 2), rel=5e-4)
+    assert found[-1] > 3.0 * TWICE * 0.5 * k * (apart - 0.01) ** 2  # from the three halves that cross
+
+
+def test_forces_between_points_are_opposite_and_lead_downhill(crossed, forces):
+    """The force is the slope of the energy, by differences on all that feel one."""
+    x = across(0.4)
+    energy(crossed, x)
+    f = forces(crossed)
+    assert f[:4, 1].sum() > 0.0 and np.abs(f.sum(0)).max() < 1e-5 * np.abs(f).sum()
+    assert np.abs(np.cross(x, f).sum(0)).max() < 1e-5 * np.abs(f).sum()
+    pushed, step = np.linalg.norm(f, axis=1), 2e-3
+    assert (pushed > 0.05 * pushed.max()).sum() >= 4
+    for i in np.flatnonzero(pushed > 0.05 * pushed.max()):
+        way = np.zeros_like(x)
+        way[i] = step * f[i] / pushed[i]
+        slope = (energy(crossed, x - way) - energy(crossed, x + way)) / (2.0 * step)
+        assert slope == pytest.approx(pushed[i], rel=0.02)  # of f32 energies, 4 mm apart
+
+
+def test_what_is_near_between_points_is_listed(crossed):
+    """Whatever lists were made before: the segments are stretched to three times their length."""
+    long = across(0.5) * [3.0, 1.0, 3.0]
+    assert energy(crossed, long) > 0.0
+    long[:4] += [0.0, 5.0, 0.0]
+    assert energy(crossed, long) == 0.0
+
+
+@pytest.mark.parametrize(("other", "poses"), [("ring", (43, 54, 94)), ("rope", (66, 80))])
+def test_a_rope_that_is_caught_beside_its_middle_is_not_drawn_through(other, poses):
+    """The middles are level before anything is deep. Braked only while middles came nearer, these poses went through
+    the ring's bar, and the first of the other two through the rope."""
+    simulation = Pair(other, "rope").simulation("rk4")
+    for told in thrown(simulation, 1.0, poses):
+        assert not told["through"], told
+
+
+def test_sides_are_kept_only_where_ropes_meet_something():
+    def told(*jello):
+        return facts(Simulation(Scene(jello=list(jello)), method="rk4"))["fields"]["touch"]
+
+    rope, far = Rope(points=4, length=1.0), Rope(points=4, length=1.0, position=(0.0, 3.0, 0.0))
+    box = Box(points=(2, 2, 2), position=(0.0, 9.0, 0.0))
+    assert "sides of cores" in told(rope, box) and "sides of cores" in told(rope, far)
+    assert "sides of cores" not in told(box, Box(points=(2, 2, 2), position=(0.0, 5.0, 0.0)))
+    assert "ropes" not in told(box, Sheet(points=(3, 3)))
