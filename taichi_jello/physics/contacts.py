@@ -187,12 +187,11 @@ class Contacts(Ropes):
                     met += self.note(q, met, corners, weights, best, False, v, ahead)
                 jello, best = other, FAR
             if k < end and e >= self.solid and self.may_touch(q, e):
-                nodes, halves = self.near.nodes[e], 0
+                nodes = self.near.nodes[e]
                 own = ti.Vector([self.point_of[nodes[0]], self.point_of[nodes[1]], self.point_of[nodes[2]]])
-                if ti.static(self.near.has_lines):
-                    halves = self.near.is_rope[self.near.jello[self.near.points[q]]] * self.near.is_rope[other]
-                if halves:
-                    best, corners, weights = self.nearer_half(q, own, best, corners, weights)
+                if self.are_ropes(self.near.jello[self.near.points[q]], other):
+                    if ti.static(self.near.has_lines):
+                        best, corners, weights = self.nearer_half(q, own, best, corners, weights)
                 else:
                     best, corners, weights = nearer(self.place, p, own, best, corners, weights)
         return met
@@ -220,14 +219,14 @@ class Contacts(Ropes):
                 touches = distance < apart + ahead * approach
                 self.core[contact], self.share[contact] = 2.0 * CORE * apart, 1.0
                 if ti.static(self.has_ropes):
-                    ropes = self.near.is_rope[own] + self.near.is_rope[other]
-                    if ropes > 0 and ti.min(self.near.radius[own], self.near.radius[other]) > 0.0:
+                    both_thin = ti.min(self.near.radius[own], self.near.radius[other]) > 0.0
+                    if both_thin and self.near.is_rope[own] + self.near.is_rope[other] > 0:
                         self.core[contact] *= BETWEEN
-                    if ti.static(self.near.has_lines and self.can_brake):  # noqa: SIM102
-                        if ropes == 2 and apart - distance > LATE * self.core[contact]:
+                if self.are_ropes(own, other):
+                    self.share[contact] = TWICE
+                    if ti.static(self.can_brake and self.brake.sided):  # noqa: SIM102
+                        if apart - distance > LATE * self.core[contact]:
                             self.brake.notice_side(own, other, n)
-                    if ropes == 2:
-                        self.share[contact] = TWICE
                 self.tell(own, other, apart - distance, LATE * self.core[contact])
                 if ti.static(self.can_tangle):
                     n, counts = self.tangles.turned(q, other, n, distance, apart)

@@ -22,6 +22,13 @@ class Ropes(Loads):
     other ropes; the place of such a contact may be between the point and the next one, see Contacts."""
 
     @ti.func
+    def are_ropes(self, a, b):
+        both = 0
+        if ti.static(self.near.has_lines):
+            both = self.near.is_rope[a] * self.near.is_rope[b]
+        return both
+
+    @ti.func
     def nearer_half(self, q, segment, best, corners, weights):
         """See nearer: from one of the halves of segments beside point q of a rope."""
         p, a = self.place[q], self.place[segment[0]]
@@ -55,12 +62,8 @@ class Ropes(Loads):
     @ti.func
     def least_distance(self, q, corners):
         """The distance [m] up to which what separates two places has no direction that could be relied upon."""
-        least = ti.cast(TINY, float)
-        if ti.static(self.near.has_lines):
-            own, other = self.near.jello[self.near.points[q]], self.near.jello[self.near.points[corners[0]]]
-            if self.near.is_rope[own] * self.near.is_rope[other]:
-                least = FLAT * (self.near.radius[own] + self.near.radius[other])
-        return least
+        a, b = self.near.jello[self.near.points[q]], self.near.jello[self.near.points[corners[0]]]
+        return ti.select(self.are_ropes(a, b), FLAT * (self.near.radius[a] + self.near.radius[b]), TINY)
 
     @ti.func
     def aside(self, q, corner, edge, normal):

@@ -7,7 +7,7 @@ import pytest
 import taichi as ti
 from test_functions import call
 
-from taichi_jello import Box, Contact, Rope, Scene, Sheet, Simulation, Snapshot, runtime
+from taichi_jello import Box, Contact, Ring, Rope, Scene, Sheet, Simulation, Snapshot, runtime
 from taichi_jello.explain import facts
 from taichi_jello.physics.elements import closest
 from taichi_jello.physics.ropes import TWICE
@@ -124,3 +124,18 @@ def test_sides_are_kept_only_where_ropes_meet_something():
     assert "sides of cores" in told(rope, box) and "sides of cores" in told(rope, far)
     assert "sides of cores" not in told(box, Box(points=(2, 2, 2), position=(0.0, 5.0, 0.0)))
     assert "ropes" not in told(box, Sheet(points=(3, 3)))
+
+
+def test_the_same_bits_in_every_form_where_ropes_are_braked(request):
+    """Members of a team add up the sides of a core in any order."""
+    fast = {"points": 12, "length": 1.0, "velocity": (0.0, 0.0, -20.0)}
+    turned = Rope(position=(0.0, 0.02, 0.7), rotation=(0.0, 0.0, 75.0), **fast)
+    jello = [Ring(radius=0.4, thickness=0.2), Rope(position=(0.05, 0.3, 0.5), **fast), turned]
+    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=jello)
+    found = []
+    for threads, form in ((1, {}), (2, {"team": 2}), (2, {"team": 0})):
+        runtime.start(request.config.getoption("--arch"), "f32", threads)
+        simulation = Simulation(scene, method="verlet", ledger=True, **form)
+        simulation.advance(0.1)
+        found.append((*simulation.x.ravel(), *simulation.v.ravel(), simulation.work["impacts"]))
+    assert found[0][-1] < -1.0 and found[1] == found[0] and found[2] == found[0]
