@@ -27,6 +27,7 @@ from taichi_jello.physics import neighbours
 from taichi_jello.physics.neighbours import ROW
 from taichi_jello.physics.touching import inner_neighbours, ways_out
 from taichi_jello.shapes.lattice import rotation
+from taichi_jello.studies.bodies import heights
 
 WEIGHTLESS = {"gravity": (0.0, 0.0, 0.0)}
 
@@ -182,21 +183,6 @@ def test_a_stack_at_rest_has_no_gaps():
     under, over = high.reshape(4, 4, 4, 3)[:, 0], low.reshape(4, 4, 4, 3)[:, -1]
     inner = np.all(np.abs(under[..., [0, 2]] - over[..., [0, 2]].mean((0, 1))) < 0.4, axis=-1)
     assert np.abs(under[inner, 1] - over[1:3, 1:3, 1].mean()).max() < 0.05 / 3  # of the spacing
-
-
-def heights(x, triangles, columns, side):
-    """(C,) the least (side = -1) or greatest (1) height of what faces up or down more than sideways of a surface, over
-    each of the columns (C, 2); NaN where it is not."""
-    a, b, c = (x[triangles[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    a, b, c = (corner[abs(normal[:, 1]) > 0.7 * np.linalg.norm(normal, axis=1)] for corner in (a, b, c))
-    u, w, p = (b - a)[:, [0, 2]], (c - a)[:, [0, 2]], columns[:, None] - a[:, [0, 2]]
-    twice = u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]
-    s = (p[..., 0] * w[:, 1] - p[..., 1] * w[:, 0]) / twice
-    t = (u[:, 0] * p[..., 1] - u[:, 1] * p[..., 0]) / twice
-    y = np.where((s >= 0.0) & (t >= 0.0) & (s + t <= 1.0), a[:, 1] + s * (b - a)[:, 1] + t * (c - a)[:, 1], np.nan)
-    found = side * np.where(np.isnan(y), -np.inf, side * y).max(1)
-    return np.where(np.isinf(found), np.nan, found)
 
 
 def test_the_demo_s_stack_at_rest_has_neither_overlaps_nor_gaps():
