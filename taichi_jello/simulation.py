@@ -206,8 +206,8 @@ class Simulation:
     def _begin_frame(self) -> None:
         """Tell the forces which frame it is, once a frame."""
         if not self._begun:
-            automatic = self.dt if self.asked_step == ("auto", None) else 0.0
-            gained = self.system.begin_frame(*self.clock.frame, self.clock.done > 0, automatic)
+            automatic = self.asked_step == ("auto", None)
+            gained = self.system.begin_frame(*self.clock.frame, self.clock.done > 0, self.dt, automatic)
             if self._books and gained:
                 self._books.add({"handles": gained})
             self._begun = True

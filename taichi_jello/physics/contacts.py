@@ -224,7 +224,7 @@ class Contacts(Ropes):
                         self.core[contact] *= BETWEEN
                 if self.are_ropes(own, other):
                     self.share[contact] = TWICE
-                    if ti.static(self.can_brake and self.brake.sided):  # noqa: SIM102
+                    if ti.static(self.can_brake and self.near.has_lines):  # noqa: SIM102
                         if apart - distance > LATE * self.core[contact]:
                             self.brake.notice_side(own, other, n)
                 self.tell(own, other, apart - distance, LATE * self.core[contact])

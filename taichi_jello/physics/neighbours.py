@@ -21,6 +21,7 @@ ROOM = 40  # places in the lists for each point
 ROW = 8  # places in a row of a list: leaves, and in the last one where the next row begins
 OWN = 2.5  # distances between the points within which a jello does not touch itself: there its springs hold
 ROUNDS = 7  # of a search
+ONE_STEP = 1.001  # the least time that lists last, in steps
 LEAST, MOST = 0.4, 0.6  # a margin's usual size, in distances between the points
 
 
@@ -83,10 +84,12 @@ class Neighbours(Margins):
             self._set_clock(self.made_at - start)
 
     def refresh(self, system: Any, t: float, dt: float, frame_dt: float) -> None:
-        """Make the lists anew for the particles as they are t seconds after the current frame began."""
-        scale = 1.0
-        while self._search(system, t, dt, frame_dt, scale * LEAST, scale * MOST) > self.rows and scale > 0.01:
+        """Make the lists anew for the particles as they are t seconds after the current frame began; where they have
+        no room, with narrower margins, and for a shorter time, in which what flies by comes near to less."""
+        scale, lasts = 1.0, max(frame_dt, 3.0 * dt)
+        while self._search(system, t, dt, frame_dt, lasts, scale * LEAST, scale * MOST) > self.rows and scale > 0.01:
             scale *= 0.5
+            lasts = max(0.5 * lasts, ONE_STEP * dt)
         self.fresh, self.made_at = True, self.frame_start + t
 
     @ti.kernel
@@ -130,23 +133,25 @@ class Neighbours(Margins):
         return reach + self.radius[self.jello[self.points[q]]]
 
     @ti.kernel
-    def _search(self, system: ti.template(), t: float, dt: float, frame_dt: float, least: float, most: float) -> int:
-        """Returns how many rows the lists have, which may be more than there is room for. Usual margins are between
-        `least` and `most` distances between the points."""
+    def _search(
+        self, system: ti.template(), t: float, dt: float, frame_dt: float, lasts: float, least: float, most: float
+    ) -> int:
+        """Returns how many rows the lists have, which may be more than there is room for. They last for `lasts` [s] or
+        longer; usual margins are between `least` and `most` distances between the points."""
         if ti.static(system.team == 0):
             for r in ti.static(range(ROUNDS)):
-                self._round(r, system, 0, system.count, t, dt, frame_dt, least, most)
+                self._round(r, system, 0, system.count, t, dt, frame_dt, lasts, least, most)
         else:
             ti.loop_config(serialize=system.team == 1, block_dim=1)
             for member in range(system.team):
                 first, last = system.part_of(member)
                 for r in ti.static(range(ROUNDS)):
                     system.wait_for_team()
-                    self._round(r, system, first, last, t, dt, frame_dt, least, most)
+                    self._round(r, system, first, last, t, dt, frame_dt, lasts, least, most)
         return self.count + self.state[1]
 
     @ti.func
-    def _round(self, r: ti.template(), system, first, last, t, dt, frame_dt, least, most):
+    def _round(self, r: ti.template(), system, first, last, t, dt, frame_dt, lasts, least, most):
         """Round r of the search, done by everybody before the next one begins; for the share of the particles first …
         last - 1 in everything there is."""
         once = ti.select(first == 0, 1, 0)
@@ -155,7 +160,7 @@ class Neighbours(Margins):
                 self._follow(j, system.state.x, system.state.v)
         elif ti.static(r == 1):
             for _ in range(once):
-                self._set_time(t, ti.max(frame_dt, 3.0 * dt))
+                self._set_time(t, lasts)
                 self.state[0], self.state[1], self.state[2] = 0, 0, 0
         elif ti.static(r == 2):
             for j in range(system.share_of(first, self.jellos), system.share_of(last, self.jellos)):

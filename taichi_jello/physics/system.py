@@ -238,9 +238,11 @@ class System:
         for force in self.watched:
             force.forget()
 
-    def begin_frame(self, start: float, end: float, within: bool = False, automatic: float = 0.0) -> float:
-        """Bring live values up to date for the frame from `start` to `end` [s]; within: it has begun already. Its steps
-        may be taken in parts if they are `automatic` ones, of so many seconds. Returns the kinetic energy [J] that
+    def begin_frame(
+        self, start: float, end: float, within: bool = False, dt: float = 0.0, automatic: bool = False
+    ) -> float:
+        """Bring live values up to date for the frame from `start` to `end` [s], with steps of dt [s], by default one;
+        within: it has begun already. `automatic` steps may be taken in parts. Returns the kinetic energy [J] that
         handles gain as their speed changes."""
         gained = 0.0
         if len(self.handles.held) and not within:
@@ -252,12 +254,12 @@ class System:
                 self._forget()
         if self.hurried and not within:
             x, v = self.good.x, self.good.v
-            asked = [force.parts(x, v, end - start, automatic) for force in self.hurried if automatic]
+            asked = [force.parts(x, v, end - start, dt) for force in self.hurried if automatic]
             self.parts = max(asked, default=1)
         self.changes.begin(start, self.good.x)
         for force in self.all_forces:
             force.begin_frame(start, end)
-        self._refresh(0.0, end - start)
+        self._refresh(0.0, (dt or end - start) / self.parts)
         if not within:
             for force in self.hurried:
                 force.survey(self, self.good.x, start)

@@ -27,6 +27,7 @@ from taichi_jello.physics import neighbours
 from taichi_jello.physics.neighbours import ROW
 from taichi_jello.physics.touching import inner_neighbours, ways_out
 from taichi_jello.shapes.lattice import rotation
+from taichi_jello.studies._pairs import Pair, posed, thrown
 from taichi_jello.studies.bodies import heights
 
 WEIGHTLESS = {"gravity": (0.0, 0.0, 0.0)}
@@ -114,6 +115,22 @@ def test_the_list_holds_every_point_near_an_element(crash):
         some += np.count_nonzero(inside & (owner != jello[i]))
         assert set(np.flatnonzero(inside & (owner != jello[i]))) <= set(listed)
     assert some > 20
+
+
+def test_lists_have_room_however_far_jellos_fly_in_a_frame():
+    """A strip and a ring of 0.1 m that come by 0.33 m a frame: near to a point was all that it would come by in three
+    frames, for which there was no room; the strip went through."""
+    pair = Pair("ring", "strip", 0.1)
+    simulation = pair.simulation("rk4")
+    near = touch(simulation).near
+    (told,) = thrown(simulation, 0.1, [30])
+    assert not told["through"]
+    first, (low, high, way) = (simulation.body.jello == 0)[:, None], posed(simulation, 30)
+    simulation.restore(Snapshot(0.0, np.concatenate([low - 0.2 * way, high]), first * 20.0 * way))
+    for _ in range(4):
+        simulation.step(6)
+        assert near.count + near.state[1] <= near.rows
+        assert near.clock[1] >= simulation.dt / simulation.system.parts
 
 
 def trilinear(steps):
