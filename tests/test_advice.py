@@ -1,10 +1,25 @@
 """What is told of scenes that run, but hardly as they are meant."""
 
 import warnings
+from dataclasses import replace
 
 import pytest
 
-from taichi_jello import Box, Contact, GravityKeyframe, Pin, Plane, Scene, SceneWarning, Sheet, Simulation, sceneio
+from taichi_jello import (
+    Box,
+    Contact,
+    GravityKeyframe,
+    Keyframe,
+    Move,
+    Pin,
+    Plane,
+    Rope,
+    Scene,
+    SceneWarning,
+    Sheet,
+    Simulation,
+    sceneio,
+)  # fmt: skip
 
 FALLING = {"collider": [Plane()]}
 
@@ -37,10 +52,18 @@ def test_jellos_that_are_thrown_out_of_where_they_begin():
     assert words.startswith("jello.0 comes to ") and "begins inside the ground or another jello" in words
     sheets = [Sheet(points=(5, 5), size=(1.0, 1.0), position=(0.0, y, 0.0)) for y in (1.0, 1.05)]
     assert len(told(Scene(jello=sheets))) == 2
+    rope = Rope(points=9, length=1.0, position=(0.0, 3.0, 0.0))  # crossed ropes throw each other's middles apart
+    assert len(told(Scene(jello=[rope, replace(rope, rotation=(0.0, 80.0, 0.0), pin=[Pin(max=(0.0, 1.0, 1.0))])]))) == 2
+    held, moved = (
+        Pin(min=(0, 1, 0)),
+        Pin(min=(0, 1, 0), keyframe=[Move(time=0.0, offset=(0, 0, 0)), Move(time=1.0, offset=(0, 1, 0))]),
+    )
+    assert told(Scene(jello=[Box(**small, pin=[held])], **FALLING))
     turned = [GravityKeyframe(time=0.0, gravity=(0.0, 300.0, 0.0))]
     for scene in (
         Scene(jello=[Box(points=(3, 3, 3), position=(0.0, 0.6, 0.0), velocity=(0.0, -8.0, 0.0))], **FALLING),
-        Scene(jello=[Box(**small, pin=[Pin(min=(0, 1, 0))])], **FALLING),
+        Scene(jello=[Box(**small, pin=[moved])], **FALLING),
+        Scene(jello=[Box(**small, keyframe=[Keyframe(time=0.0, rest_length=0.5)], pin=[held])], **FALLING),
         Scene(jello=[Box(points=(3, 3, 3), position=(0.0, 2.0, 0.0))], keyframe=turned, **FALLING),
     ):
         assert not told(scene)
