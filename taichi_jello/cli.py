@@ -277,8 +277,8 @@ def do_study(chosen: argparse.Namespace) -> None:
     if chosen.name not in found:
         raise Mistake(f"study: expected one of {', '.join(found)}, got {chosen.name!r}")
     study = found[chosen.name]
-    for option, function in (("--plot", "plot"), ("--csv", "rows")):
-        if getattr(chosen, function if function == "plot" else "csv") and not hasattr(study, function):
+    for option, name in (("--plot", "plot"), ("--csv", "rows"), ("--poses", "POSES")):
+        if getattr(chosen, option[2:]) and not hasattr(study, name):
             raise Mistake(f"{option}: the study {chosen.name} has none")
     json_path = output(chosen.json, option="--json") if chosen.json else None
     csv_path = output(chosen.csv, option="--csv") if chosen.csv else None

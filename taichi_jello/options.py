@@ -133,6 +133,7 @@ def options() -> Parser:
     study.add_argument("--csv", metavar="FILE", help="write them as a table there too")
     study.add_argument("--plot", metavar="FILE", help="draw them there")
     study.add_argument("--seconds", type=positive, metavar="S", help="how long to simulate, instead of the study's own")
+    study.add_argument("--poses", type=count, metavar="N", help="contact: how many for each pair, instead of its own")
     study.add_argument("--quick", action="store_true", help="a reduced ladder")
     return parser
 

@@ -10,10 +10,12 @@ from typing import Any
 from taichi_jello import runtime
 from taichi_jello.physics.choice import AUTO
 from taichi_jello.physics.integrators import scheme
+from taichi_jello.scene import SceneError
 from taichi_jello.studies._pairs import SHAPES, Pair, overlapped, thrown
 from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
 from taichi_jello.words import counted
 
+MANY = True  # shapes in one call
 MESHES = ("rabbit", "teapot")
 POSES, FEW_OF_MESHES, FEW = 12, 4, 3
 QUICK = {"box", "ring", "sheet", "rope"}
@@ -30,14 +32,17 @@ THROWS += [Pair(name, name) for name in MESHES]
 
 
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
-    """A row for each pair; with --quick only some, in few poses. --method: another than auto. Raises SceneError
-    for an unknown one."""
+    """A row for each pair, or for those of the shapes named; with --quick only some, in few poses. --method: another
+    than auto. Raises SceneError for an unknown method or shape."""
     method = chosen.method or AUTO
+    for name in chosen.scenes:
+        if name not in SHAPES:
+            raise SceneError("study contact", f"expected shapes, of {', '.join(SHAPES)}, got {name!r}")
     if method != AUTO:
         scheme(method)
     work = [(what, pair) for what, pairs in (("half", HALVES), ("throw", THROWS)) for pair in pairs]
-    if chosen.quick:
-        work = [(what, pair) for what, pair in work if {pair.one, pair.other} <= QUICK]
+    only = set(chosen.scenes) or (QUICK if chosen.quick else set(SHAPES))
+    work = [(what, pair) for what, pair in work if {pair.one, pair.other} <= only]
     told: dict[str, Any] = machine() | {"method": method, "rows": []}
     take(chosen, told, pieces(chosen, work, method, told), "contact", len(work))
     return told
@@ -49,7 +54,7 @@ def pieces(
     for what, pair in work:
         runtime.start(chosen.arch, chosen.precision, chosen.threads)
         poses = FEW if chosen.quick else FEW_OF_MESHES if {pair.one, pair.other} & set(MESHES) else POSES
-        told["rows"].append(row(what, pair, method, poses))
+        told["rows"].append(row(what, pair, method, chosen.poses or poses))
         yield
 
 

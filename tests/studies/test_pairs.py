@@ -13,7 +13,10 @@ from taichi_jello.studies._pairs import Pair, apart, linked, overlapped, posed
 from taichi_jello.studies._report import write_csv
 from taichi_jello.studies._through import Lines, Sheets, Solids, crossed, segments_cross, share_inside, watched
 
-QUICK = {"quick": True, "quiet": True, "arch": "cpu", "threads": 1, "precision": "f32", "json": None, "method": None}
+QUICK = {
+    "quick": True, "quiet": True, "arch": "cpu", "threads": 1, "precision": "f32", "json": None, "method": None,
+    "scenes": [], "poses": None,
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -126,6 +129,10 @@ def test_what_is_held_and_what_passes_is_told(monkeypatch, tmp_path):
     half, throw = told["rows"]
     assert half["bad"] == [] and half["aside"] == [0, 1, 2] and 0.0 <= half["gained"] < 1e-3
     assert throw["bad"] == [0, 1, 2] and throw["aside"] == []
+    chosen = argparse.Namespace(**QUICK | {"scenes": ["box", "rabbit"], "poses": 1})
+    assert [(row["one"], row["other"], row["poses"]) for row in contact.measure(chosen)["rows"]] == [
+        ("box", "box", 1), ("box", "rabbit", 1), ("box", "box", 1)
+    ]  # fmt: skip
     page = contact.text(told)
     assert "3 poses, 0 held" in page and "3 poses, 3 went through" in page
     assert "box, box, 0.5 m, 200 N/m" in page and "box, box" in page
