@@ -21,8 +21,8 @@ SLIM = 1e-4  # of a round body's inertia and mass: what has less does not turn
 @ti.data_oriented
 class Brake:
     """deep[J a + b]: whether one of the jellos a and b is in a core of the other one; any[0]: whether any is;
-    sides[J a + b]: the way out of b for a, the sum of the normals where a rope is in the other one, zero where none is.
-    What may melt or tear is not braked."""
+    sides[J a + b]: the way out of b for a, the sum of normals, where one is thin and the other solid or both are
+    ropes. What may melt or tear is not braked."""
 
     def __init__(self, title: str, memory: Memory, near: Neighbours):
         self.near, self.jellos = near, near.jellos
@@ -30,7 +30,7 @@ class Brake:
         self.firm = memory.table(title, "firm jellos", (~touching.loose).astype(np.int32))
         self.deep = memory.zeros(title, "pairs in a core", (J * J,), whole=True)
         self.any = memory.zeros(title, "any in a core", (1,), whole=True)
-        self.sided = touching.has_threads or near.has_lines
+        self.sided = 0 < touching.solid < len(touching.nodes) or near.has_lines
         if self.sided:
             self.sides = memory.zeros(title, "sides of cores", (J * J, 3), whole=True)
         names = ("centres", "speeds", "spins", "pushes", "turns")
@@ -142,8 +142,8 @@ class Brake:
 
     @ti.func
     def goes_deeper(self, j, k, speed):
-        """Whether jello j goes on into jello k, beside it at `speed`, by the sides on which they touch: the middle of a
-        rope that is drawn round a bar, or through a ring, may have passed the other's long ago."""
+        """Whether jello j goes on into jello k, beside it at `speed`, by the sides on which they touch: the middle of
+        what is thin and drawn round a bar, or through a ring, may have passed the other's long ago."""
         deeper = False
         if ti.static(self.sided):
             deeper = ti.cast(self.sides[j * self.jellos + k], float).dot(speed) < 0.0

@@ -18,7 +18,7 @@ from taichi_jello.physics.tangles import DEEP, Tangles
 from taichi_jello.physics.touching import AT_ONCE, FAR, Touching
 from taichi_jello.torn import still_there
 
-BETWEEN = 0.5  # times as deep as usual is the core of what a rope touches: it may be deeper between its points
+BETWEEN = 0.5  # times as deep as usual is a core where what is thin, or a rope, may be deeper between its points
 LATE = 1.5  # times as deep as a core has to be what comes too near to a thin body for both to be braked as wholes
 
 
@@ -155,8 +155,8 @@ class Contacts(Ropes):
                     self.core[contact], self.share[contact] = core, counts
                     self.tell(own, done, best, core)
                     met += self.note(q, met, corners, weights, best, True, v, ahead)
-                    if ti.static(self.can_thread and self.can_brake):  # noqa: SIM102 - decided when it is compiled
-                        if self.near.is_rope[own] and best > BETWEEN * core:
+                    if ti.static(self.has_thin and self.can_brake):  # noqa: SIM102 - decided when it is compiled
+                        if self.near.radius[own] > 0.0 and best > BETWEEN * core:
                             self.brake.notice_side(own, done, self.normal[contact])
         return met
 

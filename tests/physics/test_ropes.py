@@ -106,16 +106,20 @@ def test_what_is_near_between_points_is_listed(crossed):
     assert energy(crossed, long) == 0.0
 
 
-@pytest.mark.parametrize(("other", "poses"), [("ring", (43, 54, 94)), ("rope", (66, 80))])
-def test_a_rope_that_is_caught_beside_its_middle_is_not_drawn_through(other, poses):
+@pytest.mark.parametrize(
+    ("pair", "poses"),
+    [(Pair("ring", "rope"), (43, 54, 94)), (Pair("rope", "rope"), (66, 80)), (Pair("ring", "strip"), (32,))],
+    ids=lambda case: getattr(case, "other", ""),
+)
+def test_what_is_caught_beside_its_middle_is_not_drawn_through(pair, poses):
     """The middles are level before anything is deep. Braked only while middles came nearer, these poses went through
-    the ring's bar, and the first of the other two through the rope."""
-    simulation = Pair(other, "rope").simulation("rk4")
-    for told in thrown(simulation, 1.0, poses):
+    the ring's bar, or the first of the ropes through the other one."""
+    simulation = pair.simulation("rk4")
+    for told in thrown(simulation, pair.size, poses):
         assert not told["through"], told
 
 
-def test_sides_are_kept_only_where_ropes_meet_something():
+def test_sides_are_kept_only_where_something_thin_meets_solids_or_ropes():
     def told(*jello):
         return facts(Simulation(Scene(jello=list(jello)), method="rk4"))["fields"]["touch"]
 
@@ -123,7 +127,9 @@ def test_sides_are_kept_only_where_ropes_meet_something():
     box = Box(points=(2, 2, 2), position=(0.0, 9.0, 0.0))
     assert "sides of cores" in told(rope, box) and "sides of cores" in told(rope, far)
     assert "sides of cores" not in told(box, Box(points=(2, 2, 2), position=(0.0, 5.0, 0.0)))
-    assert "ropes" not in told(box, Sheet(points=(3, 3)))
+    sheet = Sheet(points=(3, 3))
+    assert "sides of cores" in told(box, sheet) and "sides of cores" not in told(rope, sheet)
+    assert "ropes" not in told(box, sheet) and "ropes" in told(rope, sheet)
 
 
 def test_the_same_bits_in_every_form_where_ropes_are_braked(request):
