@@ -15,6 +15,8 @@ from taichi_jello.physics.state import Memory
 
 BOUNCE = 0.1  # of the speed at which they came: with none, what was crushed may come apart on the other side
 WHOLE = 4096.0  # times a side's normal is summed, in whole numbers: in whatever order, the sum is the same
+AGREE = 0.5  # of a normal: what the mean of the sides is at least where they tell a way
+INTO = 0.1  # the cosine of a speed that leads that way, at least
 SLIM = 1e-4  # of a round body's inertia and mass: what has less does not turn
 
 
@@ -32,7 +34,7 @@ class Brake:
         self.any = memory.zeros(title, "any in a core", (1,), whole=True)
         self.sided = 0 < touching.solid < len(touching.nodes) or near.has_lines
         if self.sided:
-            self.sides = memory.zeros(title, "sides of cores", (J * J, 3), whole=True)
+            self.sides = memory.zeros(title, "sides of cores", (J * J, 4), whole=True)
         names = ("centres", "speeds", "spins", "pushes", "turns")
         self.centre, self.speed, self.spin, self.push, self.turn = (
             memory.zeros(title, f"{name} of jellos", (J, 3)) for name in names
@@ -48,7 +50,7 @@ class Brake:
             for pair in range(self.jellos * self.jellos):
                 self.deep[pair] = 0
                 if ti.static(self.sided):
-                    self.sides[pair] = ti.Vector([0, 0, 0])
+                    self.sides[pair] = ti.Vector([0, 0, 0, 0])
             self.any[0] = 0
 
     @ti.func
@@ -66,6 +68,8 @@ class Brake:
                 part = ti.cast(ti.round(WHOLE * n[k]), int)
                 self.sides[a * self.jellos + b][k] += part
                 self.sides[b * self.jellos + a][k] -= part
+            self.sides[a * self.jellos + b][3] += 1
+            self.sides[b * self.jellos + a][3] += 1
 
     @ti.func
     def minds(self, a, b):
@@ -132,8 +136,11 @@ class Brake:
         for k in range(self.jellos):
             if self.deep[j * self.jellos + k] == 1 and ti.min(self.mass[j], self.mass[k]) > 0.0:
                 way, speed = self.centre[j] - self.centre[k], self.speed[j] - self.speed[k]
-                if way.dot(speed) < 0.0 or self.goes_deeper(j, k, speed):
-                    lost, whirl = self.lost(j, k, way, speed)
+                d = speed
+                if way.dot(speed) >= 0.0:
+                    d = self.deeper(j, k, speed)
+                if d.any():
+                    lost, whirl = self.lost(j, k, way, speed, d / ti.max(d.norm(), TINY))
                     share = 1.0 / ti.max(self.pairs[j], self.pairs[k])
                     other = self.mass[k] / (self.mass[j] + self.mass[k])
                     push += share * (lost + whirl.cross(other * way))
@@ -141,21 +148,26 @@ class Brake:
         return push, turn
 
     @ti.func
-    def goes_deeper(self, j, k, speed):
-        """Whether jello j goes on into jello k, beside it at `speed`, by the sides on which they touch: the middle of
-        what is thin and drawn round a bar, or through a ring, may have passed the other's long ago."""
-        deeper = False
+    def deeper(self, j, k, speed):
+        """The way into jello k that j, beside it at `speed`, goes on by the sides on which they touch, if these agree;
+        else zero: the middle of what is thin and drawn round a bar, or through a ring, may have passed the other's."""
+        way = 0.0 * speed
         if ti.static(self.sided):
-            deeper = ti.cast(self.sides[j * self.jellos + k], float).dot(speed) < 0.0
-        return deeper
+            side, size = self.sides[j * self.jellos + k], ti.cast(0.0, float)
+            for axis in ti.static(range(3)):
+                way[axis] = -ti.cast(side[axis], float) / WHOLE
+            size = way.norm()
+            if size < AGREE * ti.cast(side[3], float) or way.dot(speed) < INTO * size * speed.norm():
+                way *= 0.0
+        return way
 
     @ti.func
-    def lost(self, j, k, way, speed):
+    def lost(self, j, k, way, speed, d):
         """The impulse that takes from jellos j and k, at `way` from each other, what it can of the energy of the
-        `speed` between them: along that speed, and with a turning of both about their common centre, so that their
+        `speed` between them: along d, and with a turning of both about their common centre, so that their
         angular momentum stays. Returns what it adds to the speed of j, and that turning."""
         a, b = self.mass[j], self.mass[k]
-        reduced, d = a * b / (a + b), speed / ti.max(speed.norm(), TINY)
+        reduced = a * b / (a + b)
         inertia = reduced * lever(way)
         for r in ti.static(range(3)):
             for c in ti.static(range(3)):
@@ -167,7 +179,7 @@ class Brake:
         if inertia.determinant() > SLIM:
             whirl = -(inertia.inverse() @ arm) / size
         momentum = self.spin[j] + self.spin[k] + reduced * way.cross(speed)
-        along = reduced * speed.norm() + whirl.dot(momentum)
+        along = reduced * speed.dot(d) + whirl.dot(momentum)
         weight = reduced + whirl.dot(arm)
         amount = -(1.0 + BOUNCE) * ti.max(0.0, along) / ti.max(weight, SLIM * reduced)
         return amount * b / (a + b) * d, amount * whirl

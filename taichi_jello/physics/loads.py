@@ -12,9 +12,9 @@ LOAD = 2.0  # whole contacts that press on one point with full stiffness: its ow
 @ti.data_oriented
 class Loads:
     """For Contacts, which knows what is near and has their corners, weights and shares: list and weight_in, from SLOTS
-    q on: the listed[q] contacts that press on point q, in ascending order, and its weight in each: above 0 in its own,
-    of which it has own_weight, less where it is a corner. load: how many, in whole contacts, a corner has its share of
-    one."""
+    q on: the listed[q] contacts that press on point q, in ascending order, and its weight in each: that of its own
+    place less that of the place which it touches, own_weight in its own. load: how many, in whole contacts, a corner
+    has its share of one."""
 
     def __init__(self, title: str, memory: Memory, points: int):
         self.load = memory.zeros(title, "loads", (points,))
@@ -54,7 +54,7 @@ class Loads:
         for k in range(self.rounds_of(q)):
             contact, g = self.pressing(q, k)
             if g != 0.0:
-                load += ti.abs(g) * self.part(contact // AT_ONCE) * self.whole_share(contact)
+                load += ti.abs(g) * self.part(contact // AT_ONCE) * self.whole(contact)
         self.load[q] = load / self.part(q)
 
     @ti.func

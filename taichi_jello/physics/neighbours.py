@@ -46,7 +46,6 @@ class Neighbours(Margins):
 
         super().__init__(title, body, memory, touching)
         self.touching, self.count, self.elements = touching, len(touching.points), len(touching.nodes)
-        self.rows = ROOM * self.count // ROW
         self.points, self.nodes = table("points", touching.points), table("elements", touching.nodes)
         self.bare, self.skinned = touching.bare, touching.bare < self.count
         if self.skinned:
@@ -65,12 +64,13 @@ class Neighbours(Margins):
         self.is_found, self.meets_any = zeros("leaves near points", len(tree.first)), zeros("meets any", self.jellos)
         self.met = zeros("jellos that each meets", self.jellos * self.jellos)
         self.state = zeros("stale, rows, busy points", 3)
-        self.found = zeros("found", self.rows * ROW)
         self.listed, self.busy = zeros("how many found", self.count), zeros("busy points", self.count)
         self.others, self.itself, self.with_self = others, itself, bool(itself.any())
         self.has_lines = bool((others and touching.rope.sum() > 1) or itself[touching.rope].any())
         if self.has_lines or (others and touching.rope.any()):
             self.is_rope = table("ropes", touching.rope.astype(np.int32))
+        self.rows = (2 if self.has_lines else 1) * ROOM * self.count // ROW  # a bundle of ropes has many segments near
+        self.found = zeros("found", self.rows * ROW)
         if self.with_self:
             self.alone = table("meets itself", itself.astype(np.int32))
             self.rest = table("rest", body.rest)

@@ -10,7 +10,7 @@ from taichi_jello.physics.tangles import DEEP, as_unturned
 from taichi_jello.physics.touching import AT_ONCE
 
 FARTHER = 0.5  # the cosine from which on a push on a rope in a solid goes farther in
-TWICE = 0.5  # what a contact of two ropes counts for: each place between points is near to two of them
+TWICE = 0.5  # what a contact of two ropes counts for: where they cross they touch from two points of each
 FLAT = 1e-3  # times how far ropes are kept apart: those that cross nearer than this do so in one plane
 TINY = 1e-9  # m
 UP, SIDEWAYS = ti.Vector([0.0, 1.0, 0.0]), ti.Vector([1.0, 0.0, 0.0])
@@ -52,12 +52,10 @@ class Ropes(Loads):
         return own
 
     @ti.func
-    def whole_share(self, contact):
-        """How much a contact counts for where no point has more of them than it may, for the sum of them."""
-        share = ti.cast(1.0, float)
-        if ti.static(self.near.has_lines):
-            share = self.share[contact]
-        return share
+    def whole(self, contact):
+        """What a contact that counts for all it may is of a whole one."""
+        own, other = self.near.points[contact // AT_ONCE], self.near.points[self.corners[contact][0]]
+        return ti.select(self.are_ropes(self.near.jello[own], self.near.jello[other]), TWICE, 1.0)
 
     @ti.func
     def least_distance(self, q, corners):

@@ -109,16 +109,16 @@ def crossed(before: list[Array], after: list[Array]) -> int:
     straight ways from `before` to `after`: they meet within both where the volume between them is 0."""
     pairs = np.indices((len(after[0]), len(after[1]))).reshape(2, -1)
     start, end = ([line[own] for line, own in zip(lines, pairs, strict=True)] for lines in (before, after))
-    sign, last = (np.sign(segments_cross(*lines)[0]) for lines in (start, end))
-    some = sign * last < 0.0
+    above, last = (segments_cross(*lines)[0] >= 0.0 for lines in (start, end))
+    some = above != last
     start, way = [line[some] for line in start], [(b - a)[some] for a, b in zip(start, end, strict=True)]
     low, high = np.zeros(len(start[0])), np.ones(len(start[0]))
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         volume, within = segments_cross(*(a + middle[:, None, None] * b for a, b in zip(start, way, strict=True)))
-        early = np.sign(volume) == sign[some]
+        early = (volume >= 0.0) == above[some]
         low, high = np.where(early, middle, low), np.where(early, high, middle)
-    return int(np.sum(last[some] * within))
+    return int(np.sum(np.where(last[some], 1, -1) * within))
 
 
 def segments_cross(one: Array, other: Array) -> tuple[Array, Array]:

@@ -1,17 +1,21 @@
 """Ropes touch between their points, and are stopped there."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 import taichi as ti
 from test_functions import call
+from touching_pairs import placed, touch
 
 from taichi_jello import Box, Contact, Rope, Scene, Sheet, Simulation, Snapshot, runtime
 from taichi_jello.explain import facts
+from taichi_jello.physics import loads
 from taichi_jello.physics.elements import closest
 from taichi_jello.physics.ropes import TWICE
-from taichi_jello.physics.touching import THICKNESS
+from taichi_jello.physics.touching import AT_ONCE, THICKNESS
+from taichi_jello.shapes.lattice import rotation
 from taichi_jello.studies._pairs import Pair, thrown
 
 FREE = {"stiffness": 0.0, "damping": 0.0}
@@ -98,9 +102,18 @@ def test_forces_between_points_are_opposite_and_lead_downhill(crossed, forces):
         assert slope == pytest.approx(pushed[i], rel=0.02)  # of f32 energies, 4 mm apart
 
 
+def test_forces_are_the_same_where_no_list_has_room_for_a_point_s_contacts(crossed, forces, monkeypatch):
+    x = across(0.4)
+    found = forces(crossed, x)
+    monkeypatch.setattr(loads, "SLOTS", 1)
+    simulation = Simulation(crossed.scene, method="rk4", substeps=1)
+    assert np.abs(found).max() > 0.0
+    assert forces(simulation, x) == pytest.approx(found, abs=1e-5 * np.abs(found).max())
+
+
 def test_what_is_near_between_points_is_listed(crossed):
-    """Whatever lists were made before: the segments are stretched to three times their length."""
-    long = across(0.5) * [3.0, 1.0, 3.0]
+    """Stretched to six times their length, segments are far from the points of those that they cross."""
+    long = across(0.5) * [6.0, 1.0, 6.0]
     assert energy(crossed, long) > 0.0
     long[:4] += [0.0, 5.0, 0.0]
     assert energy(crossed, long) == 0.0
@@ -108,7 +121,7 @@ def test_what_is_near_between_points_is_listed(crossed):
 
 @pytest.mark.parametrize(
     ("pair", "poses"),
-    [(Pair("ring", "rope"), (43, 54, 94)), (Pair("rope", "rope"), (66, 80)), (Pair("ring", "strip"), (32,))],
+    [(Pair("ring", "rope"), (43, 54, 94)), (Pair("rope", "rope"), (1, 269)), (Pair("ring", "strip"), (32,))],
     ids=lambda case: getattr(case, "other", ""),
 )
 def test_what_is_caught_beside_its_middle_is_not_drawn_through(pair, poses):
@@ -142,4 +155,67 @@ def test_the_same_bits_in_every_form_where_ropes_are_braked(request):
         simulation = Simulation(scene, method="verlet", ledger=True, **form)
         simulation.advance(0.1)
         found.append((*simulation.x.ravel(), *simulation.v.ravel(), simulation.work["impacts"]))
+        # What the brake takes from one it gives to the other, to 1e-6 of 20 m/s.
+        assert simulation.v.mean(0) == pytest.approx([0.0, 0.0, -10.0], abs=2e-5)
     assert found[0][-1] < -1.0 and found[1] == found[0] and found[2] == found[0]
+    assert simulation.energies()["contact"] == 0.0 and not touch(simulation).brake.sides.to_numpy().any()
+
+
+def test_sides_that_do_not_agree_brake_nothing():
+    """A rope lies in a box, longer than it, and goes on lengthwise: the normals of 15 contacts all round cancel but for
+    rounding, which said that it goes deeper."""
+    rope = Rope(points=31, length=2.0, position=(0.37, 1.0, 0.0), velocity=(1.0, 0.0, 0.0))
+    jello = [rope, Box(points=(5, 5, 5), size=(1.0, 1.0, 1.0), position=(0.0, 1.0, 0.0))]
+    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=jello, contact=Contact(friction=0.0, damping=0.0))
+    simulation = Simulation(scene, method="rk4", substeps=400, ledger=True)
+    simulation.step(40)
+    assert touch(simulation).contacts.own.to_numpy()[:31].sum() >= 10 and simulation.work["impacts"] == 0.0
+
+
+def test_ropes_far_away_change_nothing_between_solids():
+    """The most that may press on a point is counted in whole contacts, whatever else there is in the scene."""
+    boxes = [Box(points=(5, 5, 5)), Box(points=(5, 5, 5), position=(0.3, 0.6, 0.2), rotation=(0.0, 30.0, 25.0))]
+    far = [Rope(points=4, length=1.0, position=(50.0, y, 0.0)) for y in (0.0, 9.0)]
+    stored = []
+    for jello in (boxes, [*boxes, *far]):
+        simulation = Simulation(Scene(gravity=(0.0, 0.0, 0.0), jello=jello), method="rk4", substeps=50)
+        stored.append(simulation.energies()["contact"])
+    assert stored[0] > 100.0 and stored[1] == pytest.approx(stored[0], rel=1e-6)
+
+
+ITSELF, TEARS = {"self_contact": True}, {"tear_strain": 0.2}
+ROPE, ROUND = Rope(points=10, length=1.0), Rope(points=10, length=1.0, **ITSELF)
+
+
+@pytest.mark.parametrize(
+    "jello",
+    [
+        [ROUND],
+        [Sheet(points=(4, 4), **ITSELF)],
+        [ROUND, Box(points=(2, 2, 2), position=(0.0, 3.0, 0.0))],
+        [ROUND, replace(ROPE, **TEARS)],
+        [replace(ROUND, **TEARS)],
+        [replace(ROPE, **TEARS), replace(ROPE, **TEARS)],
+        [ROPE, Rope(points=1, position=(0.0, 3.0, 0.0))],
+    ],
+    ids=["itself", "a sheet itself", "itself and a box", "itself and a loose one", "loose itself", "loose", "a point"],
+)
+def test_whatever_ropes_there_are_it_is_compiled(jello):
+    apart = [replace(one, position=(0.0, float(3 * j), 0.0)) for j, one in enumerate(jello)]
+    simulation = Simulation(Scene(gravity=(0.0, 0.0, 0.0), jello=apart), method="verlet", substeps=4)
+    simulation.frame()
+    assert simulation.energies()["contact"] == 0.0
+
+
+def test_in_a_plane_that_leans_rounding_does_not_choose_the_side():
+    """Where they cross, every contact leads the second rope to one side, whatever the noise in how far they are."""
+    simulation = Simulation(Scene(gravity=(0.0, 0.0, 0.0), jello=[Rope(points=9, length=1.0)] * 2), method="rk4")
+    draw = np.random.default_rng(5)
+    for _ in range(8):
+        plane = np.linalg.qr(draw.standard_normal((3, 3)))[0]
+        placed(simulation, (plane, plane @ rotation((0.0, 75.0, 0.0))), plane @ [0.11, 0.0, 0.07])
+        simulation.energies()
+        contacts = touch(simulation).contacts
+        up = contacts.normal.to_numpy()[::AT_ONCE] @ plane[:, 1]
+        where = (contacts.own.to_numpy() > 0) & (np.abs(up) > 0.9)
+        assert where[:9].any() and where[9:].any() and len(set(np.sign(up * np.repeat([1.0, -1.0], 9))[where])) == 1

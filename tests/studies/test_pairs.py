@@ -86,6 +86,10 @@ def test_lines_cross_where_they_meet_not_where_they_turn_by_each_other():
     above, below = other((0.3, 0.1, -1.0), (0.3, 0.2, 1.0)), other((0.4, -0.3, -1.0), (0.4, -0.1, 1.0))
     assert abs(crossed([one, above], [one, below])) == 1 and crossed([one, above], [one, above]) == 0
     assert crossed([one, above], [one, below]) == -crossed([one, below], [one, above])
+    level = above * [1.0, 0.0, 1.0]  # looked at just as they meet
+    assert crossed([one, above], [one, level]) + crossed([one, level], [one, below]) == crossed(
+        [one, above], [one, below]
+    )
     # A scissors' blade half a metre above turns by where both are parallel: the sign changes, nothing meets.
     scissors = [other((0.0, 0.5, -h), (1.0, 0.5, h)) for h in (0.2, -0.3)]
     signs = [np.sign(segments_cross(one, blade)[0][0]) for blade in scissors]
