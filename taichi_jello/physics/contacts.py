@@ -18,7 +18,8 @@ from taichi_jello.physics.tangles import DEEP, Tangles
 from taichi_jello.physics.touching import AT_ONCE, FAR, Touching
 from taichi_jello.torn import still_there
 
-BETWEEN = 0.5  # times as deep as usual is a core where what is thin, or a rope, may be deeper between its points
+BETWEEN = 0.5  # times as deep as usual is a core for what is thin: it may be deeper between its points
+HALFWAY = 0.5  # of the distance that thin jellos keep apart
 LATE = 1.5  # times as deep as a core has to be what comes too near to a thin body for both to be braked as wholes
 
 
@@ -32,10 +33,11 @@ class Contacts(Ropes):
 
     rounds = 5
 
-    def __init__(self, title, body, memory, others, itself, loose, tears):
-        """loose: see Touching.of; tears: whether springs may; an element that is parted is not touched any more."""
+    def __init__(self, title, body, memory, others, itself, loose, tears, law):
+        """loose: see Touching.of; tears: whether springs may; an element that is parted is not touched any more. law:
+        see ContactLaw."""
         touching = Touching.of(body, loose)
-        self.body, self.tears = body, tears
+        self.body, self.tears, self.law = body, tears, law
         self.near = Neighbours(title, body, memory, touching, others, itself)
         self.points, self.solid = len(touching.points), touching.solid
         self.has_solid, self.has_thin = touching.solid > 0, touching.solid < len(touching.nodes)
@@ -57,7 +59,10 @@ class Contacts(Ropes):
         self.can_brake = others and int(np.sum(~touching.loose)) > 1
         self.brake = Brake(title, memory, self.near) if self.can_brake else None
         self.can_thread = others and touching.has_threads
-        self.has_ropes = others and bool(touching.rope.any()) and int(np.sum(touching.rope | touching.sheet)) > 1
+        self.has_thin_pairs = self.can_brake and int(np.sum(touching.radius > 0.0)) > 1
+        if self.has_thin_pairs:
+            mass = np.bincount(body.jello, body.mass) / np.bincount(body.jello)
+            self.particle_mass = table("masses of particles", mass)
         if self.has_solid:
             self.inside = Inside(title, memory, self.near, self.there, self.place)
             self.exits = Exits(title, memory, self.near, self.there, self.place, self.tangles)
@@ -218,16 +223,16 @@ class Contacts(Ropes):
                 approach = ti.abs(self.difference(q, corners, weights, v).dot(n))
                 touches = distance < apart + ahead * approach
                 self.core[contact], self.share[contact] = 2.0 * CORE * apart, 1.0
-                if ti.static(self.has_ropes):
-                    both_thin = ti.min(self.near.radius[own], self.near.radius[other]) > 0.0
-                    if both_thin and self.near.is_rope[own] + self.near.is_rope[other] > 0:
-                        self.core[contact] *= BETWEEN
+                late = LATE * self.core[contact]
+                if ti.static(self.has_thin_pairs):  # noqa: SIM102
+                    if self.too_fast(own, other, -self.difference(q, corners, weights, v).dot(n)):
+                        late *= 0.0
                 if self.are_ropes(own, other):
                     self.share[contact] = TWICE
                     if ti.static(self.can_brake and self.near.has_lines):  # noqa: SIM102
-                        if apart - distance > LATE * self.core[contact]:
+                        if apart - distance > late:
                             self.brake.notice_side(own, other, n)
-                self.tell(own, other, apart - distance, LATE * self.core[contact])
+                self.tell(own, other, apart - distance, late)
                 if ti.static(self.can_tangle):
                     n, counts = self.tangles.turned(q, other, n, distance, apart)
                     self.share[contact] *= counts
@@ -235,6 +240,15 @@ class Contacts(Ropes):
         if touches:
             self.corners[contact], self.weights[contact], self.normal[contact] = corners, weights, n
         return touches
+
+    @ti.func
+    def too_fast(self, a, b, inward):
+        """Whether one of two thin jellos comes `inward` [m/s] on the other faster than a spring of contact stops a
+        particle within HALFWAY of the distance that they keep apart: ½ k d² < ½ m v²."""
+        way = HALFWAY * (self.near.radius[a] + self.near.radius[b])
+        mass = ti.max(self.particle_mass[a], self.particle_mass[b])
+        both_thin = ti.min(self.near.radius[a], self.near.radius[b]) > 0.0
+        return both_thin and inward > 0.0 and mass * inward * inward > self.law[0][0] * way * way
 
     @ti.func
     def difference(self, q, corners, weights, x):

@@ -40,10 +40,10 @@ class Touch(ContactLaw, ParticleForce):
         body, memory = particles.body, particles.memory
         self.particles, self.frame_dt = particles, scene.solver.frame_dt
         tears = any(jello.tear_strain for jello in scene.jello)
-        self.contacts = Contacts(self.title, body, memory, scene.contact.touch, itself, loose(scene), tears)
+        self._set_law(scene.contact, memory, self.title)
+        self.contacts = Contacts(self.title, body, memory, scene.contact.touch, itself, loose(scene), tears, self.law)
         self.brake = self.contacts.brake
         self.near, self.points, self.rounds = self.contacts.near, self.contacts.points, self.contacts.rounds
-        self._set_law(scene.contact, memory, self.title)
         touching = self.near.touching
         self.inverse_mass = self._steepest(body, touching)
         if self.near.skinned:
