@@ -1,5 +1,7 @@
 """Jellos that come into each other deeply: thrown hard, crossed like blades, melted over each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import taichi as ti
@@ -10,7 +12,8 @@ from taichi_jello.assembly import assembled
 from taichi_jello.explain import facts, text
 from taichi_jello.physics.approach import PART, Approach
 from taichi_jello.physics.brake import BOUNCE
-from taichi_jello.physics.touching import Touching
+from taichi_jello.physics.contacts import HALFWAY
+from taichi_jello.physics.touching import THICKNESS, Touching
 from taichi_jello.sceneio import demos
 from taichi_jello.studies._pairs import Pair, thrown
 
@@ -63,6 +66,27 @@ def test_what_is_thin_and_soft_does_not_pass_either(name, size, poses):
     """Ropes went through each other in 5 of these 6 throws, soft bars where their points are far apart."""
     simulation = Pair(name, name, size).simulation("auto")
     assert not any(told["through"] for told in thrown(simulation, size, poses))
+
+
+def test_thin_ones_are_braked_as_they_touch_if_contact_s_springs_are_too_weak():
+    """Where the edge of a strip comes on that of a sheet no point is near until they are through each other. A particle
+    of 1/25 kg stops on 2000 N/m within half of the distance, 0.0625 m, from up to 14 m/s."""
+    (told,) = thrown(Pair("sheet", "strip").simulation("auto"), 1.0, [47])
+    assert not told["through"]
+    sheet = Sheet(points=(5, 5), size=(1.0, 1.0), damping=0.0)
+    jello = [sheet, replace(sheet, position=(0.01, 0.2, 0.02))]
+    simulation = Simulation(Scene(**WEIGHTLESS, jello=jello), method="rk4", ledger=True)
+    v = np.where((simulation.body.jello == 1)[:, None], [0.0, -1.0, 0.0], 0.0)
+    half = 2.0 * THICKNESS["sheet"] * 0.25 * HALFWAY
+    limit = half * np.sqrt(simulation.scene.contact.stiffness * 25.0)
+    lost = []
+    for speed in (0.9 * limit, 1.1 * limit):
+        simulation.restore(Snapshot(0.0, simulation.body.x, speed * v))
+        before = simulation.work["impacts"]
+        while simulation.energies()["contact"] == 0.0 and simulation.time < 0.1:
+            simulation.step()
+        lost.append(simulation.work["impacts"] - before)
+    assert lost[0] == 0.0 and lost[1] < -1.0
 
 
 def test_parts_are_as_many_as_the_way_asks_for():
