@@ -19,7 +19,7 @@ from taichi_jello.physics.touching import FAR
 
 SAME = 0.5  # the cosine above which a face faces as the point does that would leave by it
 ASIDE = 0.05  # the cosine up to which a face is beside the way from middle to middle
-LEAST = 0.02  # that a contact counts for: without it jellos whose sides lie in one plane would stay in each other
+LEAST = 0.002  # that a contact counts for: without it jellos whose sides lie in one plane would stay in each other
 LOOKS = 4  # for a way out
 STRAIGHT, OVER_THE_EDGE, BETWEEN_HEARTS, ANY = range(LOOKS)
 BACK = 1 / 3  # of the distance to the face to leave by: within it a point near an edge goes back over that edge
@@ -39,6 +39,7 @@ class Exits:
         self.way = memory.table(title, "ways to them", touching.way)
         self.inner = memory.table(title, "inner neighbours", touching.inner)
         self.core = memory.table(title, "cores of cells", touching.core)
+        self.first_sample, self.sampled = touching.skin, touching.skin < len(touching.points)
         self.some_convex = bool(np.count_nonzero(touching.convex) > 1)
         if self.some_convex:
             self.convex = memory.table(title, "convex", touching.convex.astype(np.int32))
@@ -58,6 +59,9 @@ class Exits:
         between two that are convex at least LEAST."""
         p, a = self.place[q], self.there[self.near.nodes[e][0]]
         out = p - self.there[self.inner[q]]
+        if ti.static(self.sampled):  # noqa: SIM102 - decided when it is compiled
+            if q >= self.first_sample:  # the way into the body is that from the particle beside it
+                out = self.there[self.near.points[q]] - self.there[self.inner[q]]
         same, first, least, way = 0, 0, ti.cast(FAR, float), self.way[e]
         for k in ti.static(range(3)):
             axis = self.there[self.near.nodes[e][4 >> k]] - a

@@ -114,7 +114,7 @@ class Tangles:
         if hits is None and touched is None and not close and not self.tangled:
             return
         touching, jello = self.near.touching, self.body.jello
-        place = touching.places(self.body, x).astype(float)
+        place = touching.places(x).astype(float)
         ways: list[tuple[np.ndarray, int, np.ndarray]] = []
         if self.threads:
             leaving = np.where(self.now[2].any(1), self.now[1], 0) - 1

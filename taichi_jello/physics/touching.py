@@ -7,6 +7,7 @@ import numpy as np
 from taichi_jello.body import Body
 from taichi_jello.physics.cores import convex, cores, hearts, thicknesses
 from taichi_jello.physics.forces.skin_contact import shares
+from taichi_jello.physics.samples import samples
 
 FAR = 1e30  # m
 AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and left out
@@ -21,9 +22,10 @@ class Touching:
     """Q points, each a particle of a surface, and E elements: the cells of solid bodies, then the triangles of thin
     ones, then the segments of ropes.
 
-    The first `bare` points are particles of surfaces, the others points of embedded skins, Σ weight · x[corner].
-    points (Q,): the particle, or the corner with the greatest weight; corners, weights (Q - bare, 8); share (Q,): how
-    much of a particle of the surface each stands for; inner (Q,): particles, see inner_neighbours.
+    The first `bare` points are particles of surfaces, the others places Σ weight · x[corner]: up to `skin` points of
+    embedded skins, then `samples` between particles. points (Q,): the particle, or the corner with the greatest weight;
+    corners, weights (Q - bare, 8); share (Q,): how much of a particle of the surface each stands for; inner (Q,):
+    particles, see inner_neighbours.
     nodes (E, 8): particles, the last repeated for triangles and segments; solid: how many elements are cells.
     exits, way (C, 6): the groups of triangles by which a point in a cell may leave, and how far [m] they are through
     the undeformed body, none at an infinite distance; zero where the skin passes through the cell itself. Group g is
@@ -37,6 +39,7 @@ class Touching:
     """
 
     bare: int
+    skin: int
     points: np.ndarray
     corners: np.ndarray
     weights: np.ndarray
@@ -109,14 +112,20 @@ class Touching:
             own = holder == j
             thickness[j] = thick[own].max() if is_convex[j] else max(np.median(thick[own]), spacing[j])
             thick[own] = thickness[j] if is_convex[j] else thick[own]
-        main = np.take_along_axis(body.skin_corners, body.skin_weights.argmax(1)[:, None], 1)[:, 0]
+        open_faces = (~body.embedded & ~loose[body.jello])[faces[:, 0]]
+        through = np.array([np.median(thick[holder == j]) if is_solid[j] else np.inf for j in range(jellos)])
+        between, shared, parts = samples(body.rest, faces[open_faces], through[body.jello[faces[open_faces, 0]]])
+        corners = np.concatenate([body.skin_corners, between]).astype(np.int32)
+        weights = np.concatenate([body.skin_weights, shared])
+        main = np.take_along_axis(corners, weights.argmax(1)[:, None], 1)[:, 0]
         points = np.concatenate([bare, main]).astype(np.int32)
         return cls(
             bare=len(bare),
             points=points,
-            corners=body.skin_corners,
-            weights=body.skin_weights,
-            share=np.concatenate([np.ones(len(bare)), skin_shares(body)]),
+            skin=len(bare) + len(body.skin_corners),
+            corners=corners,
+            weights=weights,
+            share=np.concatenate([np.ones(len(bare)), skin_shares(body), parts]),
             inner=inner_neighbours(body.rest, body.cells)[points],
             nodes=nodes.astype(np.int32),
             solid=len(body.cells),
@@ -152,9 +161,9 @@ class Touching:
         """Whether a rope can go through a solid; what may melt or tear is left out."""
         return bool(self.rope.any()) and bool(np.any(self.bent | self.convex))
 
-    def places(self, body: Body, x: np.ndarray) -> np.ndarray:
+    def places(self, x: np.ndarray) -> np.ndarray:
         """(Q, 3) [m] where the points are with the particles at x (N, 3)."""
-        return np.concatenate([x[self.points[: self.bare]], body.skin_points(x)])
+        return np.concatenate([x[self.points[: self.bare]], np.einsum("qk,qkd->qd", self.weights, x[self.corners])])
 
     @property
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

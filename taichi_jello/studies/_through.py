@@ -29,7 +29,7 @@ class Sheets:
         """How many edges of either go an odd number of times through a sheet of the other one."""
         body, touching = self.body, self.touching
         thin = touching.nodes[touching.solid :, :3]
-        ends = touching.places(body, x)[self.edges]
+        ends = touching.places(x)[self.edges]
         whose, owner = body.jello[touching.points[self.edges[:, 0]]], body.jello[thin[:, 0]]
         pairs = [(ends[whose != j], x[thin[owner == j]]) for j in (0, 1) if touching.sheet[j]]
         return sum(int(np.count_nonzero(np.sum(goes_through(*pair), 1) % 2)) for pair in pairs)

@@ -19,6 +19,14 @@ def shares(body):
     return area / np.abs(np.linalg.det(corner[:, 1:] - corner[:, :1])) ** (2.0 / 3.0)
 
 
+def steepest(mass, corners, weights, share):
+    """How stiff unit springs at points Σ weight · x[corner] can be, over mass [1/kg]: the matrix M^-½ Wᵀ S W M^-½ of
+    the weights W (V, 8) and shares S (V,) has no negative entry, so no eigenvalue exceeds its largest row sum."""
+    root = 1.0 / np.sqrt(mass)
+    row = share[:, None] * weights * (weights * root[corners]).sum(1, keepdims=True)
+    return float((root * np.bincount(corners.ravel(), row.ravel(), len(mass))).max())
+
+
 @ti.data_oriented
 class SkinContact(PenaltyContact):
     """What PenaltyContact does to particles, done to points Σ w x of skins. `prepare` goes over the cells that hold
@@ -36,7 +44,7 @@ class SkinContact(PenaltyContact):
         cell = cell.ravel()
         order, self.points = np.argsort(cell, kind="stable"), len(cells)
         share = shares(body)
-        self.inverse_mass = self._steepest(body, share)
+        self.inverse_mass = steepest(body.mass, body.skin_corners, body.skin_weights, share)
         place = body.skin_weights @ np.array([[k >> 2, k >> 1 & 1, k & 1] for k in range(8)])
         by_particle = np.argsort(cells.ravel(), kind="stable")
         tables = {
@@ -60,14 +68,6 @@ class SkinContact(PenaltyContact):
     def _swept(body):
         """Particles inside a skin stand for it; the others are its scaffold."""
         return body.embedded & body.inside
-
-    @staticmethod
-    def _steepest(body, share):
-        """How stiff unit springs at the skin's points can be, over mass [1/kg]: the matrix M^-½ Wᵀ S W M^-½ of the
-        weights W and shares S has no negative entry, so no eigenvalue exceeds its largest row sum."""
-        root = 1.0 / np.sqrt(body.mass)
-        row = share[:, None] * body.skin_weights * (body.skin_weights * root[body.skin_corners]).sum(1, keepdims=True)
-        return float((root * np.bincount(body.skin_corners.ravel(), row.ravel(), len(body))).max())
 
     @ti.func
     def weight(self, k: ti.template(), at):

@@ -18,7 +18,7 @@ from taichi_jello.physics.approach import Approach
 from taichi_jello.physics.contacts import Contacts
 from taichi_jello.physics.forces._base import ParticleForce, Rates, block, cut, even_block
 from taichi_jello.physics.forces.contact import ContactLaw, pressure, rub
-from taichi_jello.physics.forces.skin_contact import SkinContact
+from taichi_jello.physics.forces.skin_contact import steepest
 from taichi_jello.physics.loads import LOAD
 from taichi_jello.physics.touching import AT_ONCE
 from taichi_jello.runtime import RuntimeProblem
@@ -75,11 +75,13 @@ class Touch(ContactLaw, ParticleForce):
 
     @staticmethod
     def _steepest(body, touching):
-        """How stiff unit springs at all points can be, over mass [1/kg]; see SkinContact."""
+        """How stiff unit springs at all points can be, over mass [1/kg]; see steepest."""
         particles = touching.points[: touching.bare]
-        bare = 1.0 / float(body.mass[particles].min(initial=np.inf))
-        skin = SkinContact._steepest(body, touching.share[touching.bare :]) if len(body.skin) else 0.0
-        return bare + skin if body.embedded[particles].any() else max(bare, skin)
+        bare, others = 1.0 / float(body.mass[particles].min(initial=np.inf)), 0.0
+        if len(touching.corners):
+            others = steepest(body.mass, touching.corners, touching.weights, touching.share[touching.bare :])
+        both = body.embedded[particles].any() or touching.skin < len(touching.points)
+        return bare + others if both else max(bare, others)
 
     def rates(self):
         """Row i of M⁻¹K sums to at most 2/m k Σ|g|, g its weight in each contact, and no load Σ|g| counts for more
