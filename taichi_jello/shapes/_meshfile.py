@@ -43,6 +43,8 @@ def read(file: str) -> tuple[np.ndarray, np.ndarray]:
     except Exception as error:  # whatever a parser stumbles over
         known = not isinstance(error, ImportError)  # trimesh asks for more packages where it does not know a text
         reason = f" ({(str(error).splitlines() or [type(error).__name__])[0]})" if known else ""
+        if isinstance(error, IndexError):
+            reason = " (a triangle has a point that is not there)"
         told = f"expected a mesh in {kind.upper()} format, it is cut short or of another kind{reason}"
         raise SceneError("file", f"{file}: {told}") from None
     return checked(file, points, triangles)

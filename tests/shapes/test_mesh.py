@@ -194,3 +194,8 @@ def test_a_file_cut_short_is_told_as_one(form, saved, tmp_path):
     told = problem(file=written(tmp_path, whole[: len(whole) // 2], f"cut.{form}"))
     assert f"expected a mesh in {form.upper()} format, it is cut short or of another kind" in told
     assert "No module" not in told
+
+
+def test_a_triangle_of_a_point_that_is_not_there_is_told(tmp_path):
+    file = written(tmp_path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "loose.obj")
+    assert problem(file=file).endswith("(a triangle has a point that is not there)")
