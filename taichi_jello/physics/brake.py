@@ -153,7 +153,7 @@ class Brake:
         else zero: the middle of what is thin and drawn round a bar, or through a ring, may have passed the other's."""
         way = 0.0 * speed
         if ti.static(self.sided):
-            side, size = self.sides[j * self.jellos + k], ti.cast(0.0, float)
+            side = self.sides[j * self.jellos + k]
             for axis in ti.static(range(3)):
                 way[axis] = -ti.cast(side[axis], float) / WHOLE
             size = way.norm()

@@ -220,13 +220,13 @@ class Contacts(Ropes):
             if not solid:
                 own, other = self.near.jello[self.near.points[q]], self.near.jello[self.near.points[corners[0]]]
                 apart = self.near.radius[own] + self.near.radius[other]
-                approach = ti.abs(self.difference(q, corners, weights, v).dot(n))
-                touches = distance < apart + ahead * approach
+                outwards = self.difference(q, corners, weights, v).dot(n)
+                touches = distance < apart + ahead * ti.abs(outwards)
                 self.core[contact], self.share[contact] = 2.0 * CORE * apart, 1.0
                 late = LATE * self.core[contact]
                 if ti.static(self.has_thin_pairs):  # noqa: SIM102
-                    if self.too_fast(own, other, -self.difference(q, corners, weights, v).dot(n)):
-                        late *= 0.0
+                    if self.too_fast(own, other, -outwards):
+                        late = 0.0
                 if self.are_ropes(own, other):
                     self.share[contact] = TWICE
                     if ti.static(self.can_brake and self.near.has_lines):  # noqa: SIM102
