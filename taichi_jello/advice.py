@@ -59,7 +59,7 @@ def on_start(scene: Scene, body: Body, v: np.ndarray) -> None:
         return
     gained = LEAP + 2.0 * frame * float(np.linalg.norm(scene.gravity))
     mass, still = np.bincount(body.jello, body.mass), undeformed(scene, body)
-    before, after = (np.where(still, _speed(body, u, mass, True), _speed(body, u, mass, False)) for u in (body.v, v))
+    before, after = (np.where(still, mean_speed(body, u, mass), speed(body, u, mass)) for u in (body.v, v))
     gained += 2.0 * float(before.max())  # what the fastest one can give to a light one
     held = np.isin(np.arange(len(mass)), body.jello[body.pinned])
     for j in np.flatnonzero((after - before > gained) & (still | ~held)):
@@ -71,10 +71,13 @@ def on_start(scene: Scene, body: Body, v: np.ndarray) -> None:
         )
 
 
-def _speed(body: Body, v: np.ndarray, mass: np.ndarray, of_all: bool) -> np.ndarray:
-    """(J,) [m/s] of each jello as a whole, or of_all: what its particles (N, 3) have in the mean, by their energy."""
-    if of_all:
-        return np.sqrt(np.bincount(body.jello, body.mass * (v * v).sum(1)) / mass)
+def mean_speed(body: Body, v: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """(J,) [m/s] what the particles (N, 3) of each jello of `mass` (J,) have in the mean, by their energy."""
+    return np.sqrt(np.bincount(body.jello, body.mass * (v * v).sum(1)) / mass)
+
+
+def speed(body: Body, v: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """(J,) [m/s] of each jello of `mass` (J,) as a whole."""
     return np.linalg.norm([np.bincount(body.jello, body.mass * v[:, axis]) / mass for axis in range(3)], axis=0)
 
 

@@ -19,7 +19,7 @@ from taichi_jello import (
     Sheet,
     Simulation,
     sceneio,
-)  # fmt: skip
+)
 
 FALLING = {"collider": [Plane()]}
 
