@@ -5,6 +5,7 @@ from math import ceil
 from typing import Any
 
 from taichi_jello.body import Body
+from taichi_jello.physics.integrators import scheme
 from taichi_jello.physics.system import System
 from taichi_jello.scene import Scene
 
@@ -20,6 +21,12 @@ class Choice:
 
     method: str
     reason: str
+
+
+def check(method: str) -> None:
+    """Raises SceneError for a method that there is not."""
+    if method != AUTO:
+        scheme(method)
 
 
 def choose(scene: Scene, body: Body, own_step: bool, **options: Any) -> tuple[System, Choice]:

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from taichi_jello import runtime
-from taichi_jello.physics.choice import AUTO
+from taichi_jello.physics.choice import AUTO, check
 from taichi_jello.physics.colliders.plane import Plane
-from taichi_jello.physics.integrators import scheme
 from taichi_jello.scene import Keyframe, Pin, Scene, Solver
 from taichi_jello.sceneio import load
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.shapes.ring import Ring
 from taichi_jello.shapes.rope import Rope
 from taichi_jello.simulation import Simulation, Snapshot
+from taichi_jello.studies._reference import twisted
 from taichi_jello.studies._report import headline, machine, table, take
 
 COLUMN, ACROSS = 0.011, 0.55  # m: between the columns that surfaces are looked at over, and how far out
@@ -90,10 +90,7 @@ def fall(method: str) -> list[float]:
     of how far it has fallen."""
     melt = [Keyframe(time=0.1), Keyframe(time=0.2, stiffness=1.0), Keyframe(time=0.4, stiffness=0.0)]
     simulation = Simulation(Scene(jello=[Box(points=(4, 4, 4), keyframe=melt)]), method=method)
-    x = simulation.body.x.copy()
-    angle = 0.6 * x[:, 1]
-    turned = np.cos(angle) * x[:, 0] - np.sin(angle) * x[:, 2], np.sin(angle) * x[:, 0] + np.cos(angle) * x[:, 2]
-    simulation.restore(Snapshot(0.0, np.stack([turned[0], x[:, 1], turned[1]], 1), simulation.v))
+    simulation.restore(Snapshot(0.0, twisted(simulation.body.x), simulation.v))
     start, strayed = simulation.x.astype(float).mean(0), 0.0
     for _ in range(60):
         simulation.frame()
@@ -176,8 +173,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """A row for each figure; with --quick none of the rabbit, of ropes and of 16 points an edge. --method: another
     than auto. Raises SceneError for an unknown one."""
     method = chosen.method or AUTO
-    if method != AUTO:
-        scheme(method)
+    check(method)
     work = [held for held in HELD if not chosen.quick or held[0] not in (foot, fed, finer)]
     told: dict[str, Any] = machine() | {"method": method, "precision": chosen.precision, "rows": []}
     take(chosen, told, pieces(chosen, work, method, told), "bodies", len(work))

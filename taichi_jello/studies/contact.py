@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from taichi_jello import runtime
-from taichi_jello.physics.choice import AUTO
-from taichi_jello.physics.integrators import scheme
+from taichi_jello.physics.choice import AUTO, check
 from taichi_jello.scene import SceneError
 from taichi_jello.studies._pairs import SHAPES, Pair, overlapped, thrown
 from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
@@ -38,8 +37,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     for name in chosen.scenes:
         if name not in SHAPES:
             raise SceneError("study contact", f"expected shapes, of {', '.join(SHAPES)}, got {name!r}")
-    if method != AUTO:
-        scheme(method)
+    check(method)
     work = [(what, pair) for what, pairs in (("half", HALVES), ("throw", THROWS)) for pair in pairs]
     only = set(chosen.scenes) or (QUICK if chosen.quick else set(SHAPES))
     work = [(what, pair) for what, pair in work if {pair.one, pair.other} <= only]

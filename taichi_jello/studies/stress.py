@@ -12,8 +12,8 @@ import numpy as np
 from taichi_jello import runtime
 from taichi_jello.clock import StepWarning
 from taichi_jello.diverged import Diverged
-from taichi_jello.physics.choice import AUTO
-from taichi_jello.physics.integrators import scheme, schemes
+from taichi_jello.physics.choice import AUTO, check
+from taichi_jello.physics.integrators import schemes
 from taichi_jello.scene import SceneError
 from taichi_jello.studies._extremes import CASES, Extreme
 from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
@@ -36,8 +36,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     what that leaves out is told. --method a,b: these alone. Raises SceneError for an unknown method."""
     methods = chosen.method.split(",") if chosen.method else list(QUICK) if chosen.quick else [AUTO, *sorted(schemes())]
     for method in methods:
-        if method != AUTO:
-            scheme(method)
+        check(method)
     skipped = [case.name for case in CASES if case.steps and chosen.quick]
     told: dict[str, Any] = machine() | {"precision": chosen.precision, "rows": [], "skipped": skipped}
     if chosen.quick and not chosen.method:
