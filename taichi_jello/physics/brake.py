@@ -17,22 +17,23 @@ BOUNCE = 0.1  # of the speed at which they came: with none, what was crushed may
 WHOLE = 4096.0  # times a side's normal is summed, in whole numbers: in whatever order, the sum is the same
 AGREE = 0.5  # of a normal: what the mean of the sides is at least where they tell a way
 INTO = 0.1  # the cosine of a speed that leads that way, at least
+COMPACT, LONG = 1, 2  # what is firm and compact, or not
 SLIM = 1e-4  # of a round body's inertia and mass: what has less does not turn
 
 
 @ti.data_oriented
 class Brake:
     """deep[J a + b]: whether one of the jellos a and b is in a core of the other one; any[0]: whether any is;
-    sides[J a + b]: the way out of b for a, the sum of normals, where one is thin and the other solid or both are
-    ropes. What may melt or tear is not braked."""
+    sides[J a + b]: the way out of b for a, the sum of normals, but for two compact solids and two sheets; their middles
+    tell that. What may melt or tear is not braked."""
 
     def __init__(self, title: str, memory: Memory, near: Neighbours):
         self.near, self.jellos = near, near.jellos
         J, touching = near.jellos, near.touching
-        self.firm = memory.table(title, "firm jellos", (~touching.loose).astype(np.int32))
+        self.firm = memory.table(title, "firm jellos", np.where(touching.compact, COMPACT, ~touching.loose * LONG))
         self.deep = memory.zeros(title, "pairs in a core", (J * J,), whole=True)
         self.any = memory.zeros(title, "any in a core", (1,), whole=True)
-        self.sided = 0 < touching.solid < len(touching.nodes) or near.has_lines
+        self.sided = 0 < touching.solid < len(touching.nodes) or near.has_lines or touching.has_slender
         if self.sided:
             self.sides = memory.zeros(title, "sides of cores", (J * J, 4), whole=True)
         names = ("centres", "speeds", "spins", "pushes", "turns")
@@ -74,6 +75,10 @@ class Brake:
     @ti.func
     def minds(self, a, b):
         return a != b and ti.min(self.firm[a], self.firm[b]) > 0
+
+    @ti.func
+    def minds_sides(self, a, b):
+        return ti.max(self.firm[a], self.firm[b]) == LONG
 
     @ti.func
     def brake(self, system, first, last, x, v):

@@ -54,10 +54,11 @@ class Contacts(Ropes):
             self.holds = table("elements not parted", np.ones(len(touching.nodes), np.int32))
         self.there = memory.zeros(title, "x looked at", (memory.particles, 3))
         self.place = memory.zeros(title, "places", (self.points, 3))
-        self.can_tangle = others and (touching.has_sheets or touching.has_bent or touching.has_threads)
+        self.can_tangle = others and (touching.has_sheets or touching.has_slender or touching.has_threads)
         self.tangles = Tangles(title, body, memory, self.near) if self.can_tangle else None
         self.can_brake = others and int(np.sum(~touching.loose)) > 1
         self.brake = Brake(title, memory, self.near) if self.can_brake else None
+        self.sided = self.can_brake and self.brake.sided
         self.can_thread = others and touching.has_threads
         self.has_thin_pairs = self.can_brake and int(np.sum(touching.radius > 0.0)) > 1
         if self.has_thin_pairs:
@@ -160,8 +161,9 @@ class Contacts(Ropes):
                     self.core[contact], self.share[contact] = core, counts
                     self.tell(own, done, best, core)
                     met += self.note(q, met, corners, weights, best, True, v, ahead)
-                    if ti.static(self.has_thin and self.can_brake):  # noqa: SIM102 - decided when it is compiled
-                        if self.near.radius[own] > 0.0 and best > BETWEEN * core:
+                    if ti.static(self.sided):
+                        late = ti.select(self.near.radius[own] > 0.0, BETWEEN, 1.0)
+                        if best > late * core and self.brake.minds_sides(own, done):
                             self.brake.notice_side(own, done, self.normal[contact])
         return met
 

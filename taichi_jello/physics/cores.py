@@ -1,8 +1,9 @@
-"""How thick jellos are, which of them are convex, and where their middles are (NumPy only)."""
+"""How thick jellos are, which of them are convex and compact, and where their middles are (NumPy only)."""
 
 import numpy as np
 
 CORE = 0.25  # of a jello's thickness: the depth at which its core begins
+COMPACT = 2.0  # times as long as it is thick is what is compact at most
 PAIRS = 200  # of cells whose middles are joined to find out whether a body is convex
 
 
@@ -29,6 +30,13 @@ def convex(rest: np.ndarray, cells: np.ndarray) -> bool:
     first, second = np.random.default_rng(0).integers(len(cells), size=(2, PAIRS))
     halfway = 0.5 * (middle[first] + middle[second])
     return all(np.linalg.norm(middle - place, axis=1).min() <= reach for place in halfway)
+
+
+def compact(rest: np.ndarray, cells: np.ndarray) -> bool:
+    """Whether a body of the cells (C, 8), measured along their axes, is about as thick as it is long."""
+    edges = rest[cells[0, [4, 2, 1]]] - rest[cells[0, 0]]
+    extents = np.ptp(rest[np.unique(cells)] @ (edges / np.linalg.norm(edges, axis=1)[:, None]).T, axis=0)
+    return bool(extents.max() <= COMPACT * extents.min())
 
 
 def hearts(rest: np.ndarray, cells: np.ndarray, owner: np.ndarray, jellos: int) -> np.ndarray:

@@ -3,9 +3,9 @@
 It is to leave by the nearest of the triangles by which that cell is left through the undeformed body (the idea of
 McAdams et al. 2011, "Efficient elasticity for character skinning", 5), so that a point deep inside leaves by the
 nearest face however the body is crushed. By that alone two that cross each other would hold each other, as a blade
-does what it sticks in: half of it would leave on either side. So where both are convex and the nearest face leads
-against the way from the middle of one to that of the other, it is this way that decides: along it convex bodies come
-apart wherever they are.
+does what it sticks in: half of it would leave on either side. So where both are compact, convex and about as thick as
+long, and the nearest face leads against the way from the middle of one to that of the other, it is this way that
+decides. Of what is slender it would lead to an end; how that comes apart is told in tangles.py.
 """
 
 import numpy as np
@@ -40,9 +40,9 @@ class Exits:
         self.inner = memory.table(title, "inner neighbours", touching.inner)
         self.core = memory.table(title, "cores of cells", touching.core)
         self.first_sample, self.sampled = touching.skin, touching.skin < len(touching.points)
-        self.some_convex = bool(np.count_nonzero(touching.convex) > 1)
-        if self.some_convex:
-            self.convex = memory.table(title, "convex", touching.convex.astype(np.int32))
+        self.some_compact = bool(np.count_nonzero(touching.compact) > 1)
+        if self.some_compact:
+            self.compact = memory.table(title, "compact", touching.compact.astype(np.int32))
             self.hearts = memory.table(title, "hearts", touching.hearts)
 
     @ti.func
@@ -56,7 +56,7 @@ class Exits:
         Returns the distance to the place where it leaves, its triangle's corners and their weights, and how much the
         contact counts for: where that is not the nearest place of all, as much as stores the energy that it would
         there, so that a way out that has become another one brings no energy, whatever has become of the body; but
-        between two that are convex at least LEAST."""
+        between two that are compact at least LEAST."""
         p, a = self.place[q], self.there[self.near.nodes[e][0]]
         out = p - self.there[self.inner[q]]
         if ti.static(self.sampled):  # noqa: SIM102 - decided when it is compiled
@@ -87,7 +87,7 @@ class Exits:
                     nearest = ti.min(nearest, found)
                     if look != ANY:
                         best, corners, weights = found, its_corners, its_weights
-        fewest = ti.select(self.both_convex(q, e) or self.way_out(q, e).norm_sqr() > 0.0, LEAST, 0.0)
+        fewest = ti.select(self.both_compact(q, e) or self.way_out(q, e).norm_sqr() > 0.0, LEAST, 0.0)
         counts = ti.math.clamp((nearest / ti.max(best, TINY)) ** 2, fewest, 1.0)
         if ti.static(self.can_tangle):
             counts *= self.tangles.softness(q, self.near.owner[e])
@@ -101,8 +101,8 @@ class Exits:
         """The side, as a bit, by which point q is to leave cell e for the sake of the two bodies' middles, if the place
         found on a triangle, `best` [m] away, leads against the way from one to the other."""
         sides = 0
-        if ti.static(self.some_convex):  # noqa: SIM102 - decided when it is compiled
-            if self.both_convex(q, e) and best < FAR:
+        if ti.static(self.some_compact):  # noqa: SIM102 - decided when it is compiled
+            if self.both_compact(q, e) and best < FAR:
                 c = self.heart(self.near.jello[self.near.points[q]]) - self.heart(self.near.owner[e])
                 if self.leads(self.place[q], corners, weights, c) < -ASIDE:
                     sides = self.toward(e, c)
@@ -121,12 +121,12 @@ class Exits:
         return way
 
     @ti.func
-    def both_convex(self, q, e):
-        """Whether the jello of point q and that of cell e are two that are convex and stay so."""
+    def both_compact(self, q, e):
+        """Whether the jello of point q and that of cell e are two that are compact and stay so."""
         both = False
-        if ti.static(self.some_convex):
+        if ti.static(self.some_compact):
             own, other = self.near.jello[self.near.points[q]], self.near.owner[e]
-            both = own != other and self.convex[own] == 1 and self.convex[other] == 1
+            both = own != other and self.compact[own] == 1 and self.compact[other] == 1
         return both
 
     @ti.func

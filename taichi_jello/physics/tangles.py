@@ -5,9 +5,9 @@ that crosses another would be held on either side, for good. Where edges go thro
 cuts is on the right side (as in Baraff, Witkin & Kass 2003, "Untangling cloth"); around the cut contact leads there and
 is soft, so that what is pulled through does not come out like a shot.
 
-Solids that are not both convex, as rings, may hold each other in the same way where they cross; there they part by
-the least way that leads what is around of one out of what is around of the other. A rope that goes through a solid
-parts from it as a whole.
+Solids that are not both compact, as bars and rings, may hold each other in the same way where they cross; there they
+part by the least way that leads what is around of one out of what is around of the other. A rope that goes through a
+solid parts from it as a whole.
 """
 
 from typing import Any
@@ -28,7 +28,7 @@ SOFT = 0.05  # times as hard as usual is contact around a cut
 FIRM = 0.1  # s in which it grows e times harder again when the cut is gone
 TURNED = 0.5  # the cosine beyond which a side leads against the way
 DEEP = 0.3  # of the way to a core: as deep as what holds each other is
-CONVEX, BENT, ROPE = 1, 2, 3  # solids that are convex, or not, and ropes; 0: others
+COMPACT, SLENDER, ROPE = 1, 2, 3  # solids that are compact, or not, and ropes; 0: others
 NEVER = -1e30  # s
 TANGLE = "tangle_"  # begins their names in a snapshot's memory
 HELD, NAMES = f"{TANGLE}held", tuple(f"{TANGLE}{name}" for name in ("time", "beside", "way"))
@@ -50,7 +50,7 @@ class Tangles:
         touching = near.touching
         self.body, self.near, self.jellos, self.count = body, near, near.jellos, near.count
         self.whose, self.owner = body.jello[touching.points], body.jello[touching.nodes[:, 0]]
-        self.has_sheets, self.has_bent = touching.has_sheets, touching.has_bent
+        self.has_sheets, self.has_slender = touching.has_sheets, touching.has_slender
         if self.has_sheets:
             edges = surface_edges(touching)
             self.edges = edges[~touching.loose[self.whose[edges[:, 0]]]]
@@ -60,9 +60,9 @@ class Tangles:
         self.beside = memory.zeros(title, "jellos to leave", (self.count,), whole=True)
         self.way = memory.zeros(title, "ways to leave them", (self.count, 3))
         self.threads = Threads(touching, body) if touching.has_threads else None
-        self.has_holds = self.has_bent or touching.has_threads
+        self.has_holds = self.has_slender or touching.has_threads
         if self.has_holds:
-            kinds = CONVEX * touching.convex + BENT * touching.bent + ROPE * touching.rope
+            kinds = COMPACT * touching.compact + SLENDER * touching.slender + ROPE * touching.rope
             self.kind = memory.table(title, "what can hold", kinds.astype(np.int32))
             self.deep = memory.zeros(title, "any so deep that it may be held", (1,), whole=True)
             self.looked = False  # at `deep` for the frame that has just begun
@@ -109,7 +109,7 @@ class Tangles:
         deep = bool(self.has_holds and self.deep[0])
         self.looked = True
         hits = self._crossed(system) if self.has_sheets else None
-        touched = self._held(system, contacts) if self.has_bent and deep else None
+        touched = self._held(system, contacts) if self.has_slender and deep else None
         close = self.threads.close(x, deep or self.tangled) if self.threads else []
         if hits is None and touched is None and not close and not self.tangled:
             return
@@ -171,7 +171,7 @@ class Tangles:
     @ti.func
     def may_hold(self, a, b):
         """Whether jellos a and b are two solids that may hold each other."""
-        return a != b and ti.min(self.kind[a], self.kind[b]) > 0 and ti.max(self.kind[a], self.kind[b]) == BENT
+        return a != b and ti.min(self.kind[a], self.kind[b]) > 0 and ti.max(self.kind[a], self.kind[b]) == SLENDER
 
     @ti.func
     def may_thread(self, a, b):

@@ -27,7 +27,7 @@ class Threads:
         self.first = np.searchsorted(body.jello, np.arange(len(touching.rope)))
         self.whose, self.jello, self.thickness = whose, body.jello, touching.thickness
         self.ropes = {j: segments[owner == j] for j in np.flatnonzero(touching.rope)}
-        firm = np.flatnonzero(touching.bent | touching.convex)
+        firm = np.flatnonzero(touching.slender | touching.compact)
         self.solids = {j: triangles[whose[triangles[:, 0]] == j] for j in firm}
         self.skinned = np.isin(np.arange(len(touching.rope)), body.jello[body.embedded])
 

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichi_jello.body import Body
-from taichi_jello.physics.cores import convex, cores, hearts, thicknesses
+from taichi_jello.physics.cores import compact, convex, cores, hearts, thicknesses
 from taichi_jello.physics.forces.skin_contact import shares
 from taichi_jello.physics.samples import samples
 
 FAR = 1e30  # m
+LONGEST = 0.75  # of a convex body's thickness: edges of all of it end in the planes of the sides of one like it
 AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and left out
 HALVES = np.array([[0, 1, 3], [0, 2, 3]])  # of a face, by the corners of FACES
 FACES = np.array([[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 4, 5], [2, 3, 6, 7], [0, 2, 4, 6], [1, 3, 5, 7]])
@@ -33,8 +34,8 @@ class Touching:
     radius (J,) [m] of each jello, zero for solid ones; spacing (J,) [m] between its points.
     thick, core (C,) [m]: how thick the undeformed body is around each cell, and how deep its core begins.
     thickness (J,) [m]: the way through each jello, through half of its cells if it is not convex, THIN times the radius
-    of a thin one; convex (J,) bool: and stays so; bent (J,): solid ones that are not, and keep their shape; sheet, rope
-    (J,): sheets and ropes that do; loose (J,): see law.loose.
+    of a thin one; compact (J,) bool: convex and not slender, and stays so; slender (J,): solid ones that are not, and
+    keep their shape; sheet, rope (J,): sheets and ropes that do; loose (J,): see law.loose.
     hearts (J, 8): the corners of the cell in the middle of each solid one.
     """
 
@@ -56,8 +57,8 @@ class Touching:
     thick: np.ndarray
     core: np.ndarray
     thickness: np.ndarray
-    convex: np.ndarray
-    bent: np.ndarray
+    compact: np.ndarray
+    slender: np.ndarray
     sheet: np.ndarray
     rope: np.ndarray
     loose: np.ndarray
@@ -114,11 +115,13 @@ class Touching:
             thick[own] = thickness[j] if is_convex[j] else thick[own]
         open_faces = (~body.embedded & ~loose[body.jello])[faces[:, 0]]
         through = np.array([np.median(thick[holder == j]) if is_solid[j] else np.inf for j in range(jellos)])
-        between, shared, parts = samples(body.rest, faces[open_faces], through[body.jello[faces[open_faces, 0]]])
+        longest = through * np.where(is_convex, LONGEST, 1.0)
+        between, shared, parts = samples(body.rest, faces[open_faces], longest[body.jello[faces[open_faces, 0]]])
         corners = np.concatenate([body.skin_corners, between]).astype(np.int32)
         weights = np.concatenate([body.skin_weights, shared])
         main = np.take_along_axis(corners, weights.argmax(1)[:, None], 1)[:, 0]
         points = np.concatenate([bare, main]).astype(np.int32)
+        is_compact = np.array([is_convex[j] and compact(body.rest, body.cells[holder == j]) for j in range(jellos)])
         return cls(
             bare=len(bare),
             points=points,
@@ -138,8 +141,8 @@ class Touching:
             thick=thick,
             core=cores(thick, np.where(skinned, 0.0, spacing[holder])),
             thickness=thickness,
-            convex=is_convex & ~loose,
-            bent=is_solid & ~is_convex & ~loose,
+            compact=is_compact & ~loose,
+            slender=is_solid & ~is_compact & ~loose,
             sheet=is_sheet & ~loose,
             rope=is_rope & ~loose,
             loose=loose,
@@ -152,14 +155,14 @@ class Touching:
         return bool(self.sheet.any()) and int(np.sum(~self.loose)) > 1
 
     @property
-    def has_bent(self) -> bool:
-        """Whether solids of two jellos can hold each other: one is not convex, and none is loose."""
-        return bool(self.bent.any()) and int(np.sum(self.bent | self.convex)) > 1
+    def has_slender(self) -> bool:
+        """Whether solids of two jellos can hold each other: one is slender, and none is loose."""
+        return bool(self.slender.any()) and int(np.sum(self.slender | self.compact)) > 1
 
     @property
     def has_threads(self) -> bool:
         """Whether a rope can go through a solid; what may melt or tear is left out."""
-        return bool(self.rope.any()) and bool(np.any(self.bent | self.convex))
+        return bool(self.rope.any()) and bool(np.any(self.slender | self.compact))
 
     def places(self, x: np.ndarray) -> np.ndarray:
         """(Q, 3) [m] where the points are with the particles at x (N, 3)."""

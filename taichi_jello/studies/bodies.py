@@ -18,11 +18,18 @@ from taichi_jello.shapes.rope import Rope
 from taichi_jello.simulation import Simulation, Snapshot
 from taichi_jello.studies._reference import twisted
 from taichi_jello.studies._report import headline, machine, table, take
+from taichi_jello.studies._through import watched
 
 COLUMN, ACROSS = 0.011, 0.55  # m: between the columns that surfaces are looked at over, and how far out
 UPRIGHT = 0.7  # the least of a normal's upright part for a face to count as one that lies or bears
 CUBE = Box(young=2000.0, density=500.0, pin=[Pin(min=(0.0, 1.0, 0.0))])  # it hangs by its top
 POINTS = (8, 16)  # along an edge
+BARS = (  # see `across`: points of one in the planes of the other's sides; so turned; thin ones of few points
+    (17, 0.1, 0.05, (0.0, 90.0, 0.0)),
+    (17, 0.1, 0.05, (45.0, 90.0, 0.0)),
+    (9, 0.1, 0.1, (0.0, 90.0, 0.0)),
+    (9, 0.04, 0.1, (0.0, 90.0, 0.0)),
+)
 WEIGHT = -1.0  # m/s² on what hangs: it becomes longer by an eighth
 Array = np.ndarray[Any, Any]
 
@@ -113,6 +120,34 @@ def fed(method: str) -> list[float]:
     return [most / energy]
 
 
+def across(points: int, thick: float, aside: float, rotation: tuple[float, float, float]) -> Scene:
+    """A bar of 1.6 m and `points` along it, held at its ends, and one like it, but softer, that falls from 0.3 m across
+    it, `aside` [m] from its middle."""
+    bar = Box(points=(points, 2, 2), size=(1.6, thick, thick), stiffness=2000.0, damping=1.0)
+    falls = replace(bar, position=(aside, 0.3, aside), rotation=rotation, mass=0.3, stiffness=500.0, damping=0.2)
+    ends = [Pin(max=(0.001, 1.0, 1.0)), Pin(min=(0.999, 0.0, 0.0))]
+    return Scene(jello=[replace(bar, pin=ends), falls])
+
+
+def crossing(scene: Scene, method: str) -> tuple[bool, float]:
+    """Whether the second bar goes through the first one, and the most energy [J] that comes from nowhere."""
+    simulation, fed = Simulation(scene, method=method, ledger=True), 0.0
+    watch = watched(simulation.body)
+    for _ in range(90):
+        watch.look(simulation.x.astype(float), False)
+        simulation.frame()
+        fed = max(fed, simulation.energy_residual)
+    watch.look(simulation.x.astype(float), False)
+    return watch.went, fed
+
+
+def bars(method: str) -> list[float]:
+    """Of each of BARS: how many of the falling ones go through, and the most energy that comes from nowhere, as a part
+    of what the fall gives."""
+    found = [crossing(across(*bar), method) for bar in BARS]
+    return [sum(went for went, _ in found), max(fed for _, fed in found) / (0.3 * 9.81 * 0.3)]
+
+
 def hung(points: int, method: str, gravity: float, drag: float) -> Simulation:
     box = replace(CUBE, points=(points,) * 3, damping_ratio=1.0 if drag else 0.0)
     scene = Scene(gravity=(0.0, gravity, 0.0), jello=[box], drag=drag, solver=Solver(frame_dt=1 / 60))
@@ -158,6 +193,13 @@ HELD: tuple[tuple[Callable[[str], list[float]], tuple[tuple[str, float], ...]], 
     (drift, (("two cubes collide in free space: drift of momentum", 1e-6),)),
     (foot, (("rabbit at rest: lowest point from the ground, of its height", 0.01),)),
     (fed, (("rope and ring dropped from 2 m: energy from nowhere, of all", 0.05),)),
+    (
+        bars,
+        (
+            ("a bar falls across a held one, in four ways: how often it goes through", 0.0),
+            ("a bar falls across a held one: energy from nowhere, of the fall's", 0.05),
+        ),
+    ),
     (fall, (("cube melts as it falls: its middle from free fall, of the way", 1e-6),)),
     (
         finer,
@@ -170,11 +212,11 @@ HELD: tuple[tuple[Callable[[str], list[float]], tuple[tuple[str, float], ...]], 
 
 
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
-    """A row for each figure; with --quick none of the rabbit, of ropes and of 16 points an edge. --method: another
+    """A row for each figure; with --quick none of the rabbit, of ropes, of bars and of 16 points an edge. --method: another
     than auto. Raises SceneError for an unknown one."""
     method = chosen.method or AUTO
     check(method)
-    work = [held for held in HELD if not chosen.quick or held[0] not in (foot, fed, finer)]
+    work = [held for held in HELD if not chosen.quick or held[0] not in (foot, fed, bars, finer)]
     told: dict[str, Any] = machine() | {"method": method, "precision": chosen.precision, "rows": []}
     take(chosen, told, pieces(chosen, work, method, told), "bodies", len(work))
     return told

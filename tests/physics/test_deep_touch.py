@@ -105,16 +105,18 @@ def test_parts_are_as_many_as_the_way_asks_for():
     assert alone.parts(body.x[:8], 1e3 * body.x[:8], 0.02, 0.01) == 1
 
 
-def test_thickness_and_convexity_of_shapes():
+def test_thickness_and_compactness_of_shapes():
     jello = [
         Box(points=(5, 3, 4), size=(1.0, 0.2, 0.6)),
         Ball(radius=0.5, resolution=6),
         Ring(),
         Mesh(file=str(demos()["rabbit"].parent / "meshes" / "rabbit.ply"), resolution=10),
         Sheet(points=(5, 5), size=(1.0, 1.0)),
+        Box(points=(5, 3, 4), size=(1.0, 0.5, 0.6), rotation=(30.0, 40.0, 50.0)),
     ]
-    touching = Touching.of(assembled(Scene(jello=jello)), np.zeros(5, bool))
-    assert touching.convex.tolist() == [True, True, False, False, False]
+    touching = Touching.of(assembled(Scene(jello=jello)), np.zeros(6, bool))
+    assert touching.compact.tolist() == [False, True, False, False, False, True]  # a slab is slender; up to 1 : 2
+    assert touching.slender.tolist() == [True, False, True, True, False, False]
     assert touching.thickness[0] == pytest.approx(0.2)
     assert touching.thickness[1] == pytest.approx(1.0, abs=1 / 6)  # along a diameter, to a cell
     assert touching.thickness[2] == pytest.approx(0.25, abs=0.01)  # the bar's
@@ -124,8 +126,21 @@ def test_thickness_and_convexity_of_shapes():
     assert cells.min() == pytest.approx(0.5 * spacing) and spacing < touching.thickness[3] < cells.max()
     assert np.count_nonzero(cells <= touching.thickness[3]) >= 0.5 * len(cells)
     assert touching.thickness[4] == pytest.approx(8 * 0.25 * 0.25)  # eight times its radius
-    loose = Touching.of(assembled(Scene(jello=jello)), np.array([True, False, False, False, False]))
-    assert not loose.convex[0] and loose.bare == touching.bare + 3 * 1 * 2  # with the points inside
+    loose = Touching.of(assembled(Scene(jello=jello)), np.arange(6) == 0)
+    assert not loose.compact[0] and not loose.slender[0] and loose.bare == touching.bare + 3 * 1 * 2  # with the points inside
+
+
+@pytest.mark.parametrize("turn", ["crossed", "by half"])
+def test_slabs_laid_into_each_other_gain_nothing(slabs, turn):
+    """They came apart with about twice the energy that there was: led from middle to middle, to far ends."""
+    rest = slabs.body.rest[: len(slabs.body) // 2]
+    other = rest[:, [0, 2, 1]] if turn == "crossed" else rest + [0.5, 0.01, 0.02]
+    start = Snapshot(0.0, np.concatenate([rest, other]), np.zeros((len(slabs.body), 3)))
+    slabs.restore(start)
+    before = sum(slabs.energies().values())
+    slabs.advance(1.5)
+    after = slabs.energies()
+    assert before > 10.0 and after["contact"] == 0.0 and sum(after.values()) < 0.8 * before
 
 
 @pytest.fixture(scope="module")

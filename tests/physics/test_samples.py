@@ -22,27 +22,33 @@ def taichi(request):
 
 
 def of(jello):
-    body = assembled(Scene(jello=[jello, Box(points=(2, 2, 2), position=(0.0, 9.0, 0.0))]))
+    body = assembled(Scene(jello=[jello, Box(points=(3, 3, 3), position=(0.0, 9.0, 0.0))]))
     return body, Touching.of(body, np.zeros(2, bool))
 
 
-def test_edges_are_cut_into_parts_no_longer_than_the_body_is_thick():
+def test_edges_are_cut_into_parts_shorter_than_the_body_is_thick():
     body, touching = of(BAR)
-    assert len(touching.points) == touching.skin + 8 * 4 * 4  # 0.2 m in parts of 0.04 m, on four edges of 8 cells
-    places = touching.places(body.x)[touching.skin :]
-    lines = {tuple(place) for place in np.round(places[:, 1:], 6).tolist()}
+    # Of 0.04 m, ¾: 0.2 m in 7 parts on four edges of 8 cells; 0.04 m in 2 on those around 9 sections.
+    assert len(touching.points) == touching.skin + 8 * 4 * 6 + 9 * 4
+    places, share = touching.places(body.x)[touching.skin :], touching.share[touching.skin :]
+    halves, sevenths = (places[np.isclose(share, 1 / parts)] for parts in (2, 7))
+    assert len(halves) == 9 * 4 and len(sevenths) == 8 * 4 * 6
+    lines = {tuple(place) for place in np.round(sevenths[:, 1:], 6).tolist()}
     assert lines == {(y, z) for y in (-0.02, 0.02) for z in (-0.02, 0.02)}
-    along = np.unique(np.round(places[:, 0], 6))
-    assert np.diff(np.sort([*along, *np.linspace(-0.8, 0.8, 9)])) == pytest.approx(0.04, abs=1e-6)
+    lines = {tuple(place) for place in np.round(halves[:, 1:], 6).tolist()}
+    assert lines == {(0.0, -0.02), (0.0, 0.02), (-0.02, 0.0), (0.02, 0.0)}
+    along, ends = np.unique(np.round(sevenths[:, 0], 6)), np.linspace(-0.8, 0.8, 9)
+    assert np.diff(np.sort([*along, *ends])) == pytest.approx(0.2 / 7, abs=1e-6)
+    assert np.unique(np.round(halves[:, 0], 6)) == pytest.approx(ends, abs=1e-6)
     assert touching.weights[:, :2].sum(1) == pytest.approx(1.0) and not touching.weights[:, 2:].any()
-    assert touching.share[touching.skin :] == pytest.approx(0.2)
-    # All samples that a particle is part of, of two cells: its weights in them, twice Σ k/25 for k = 1 to 4 at most.
+    # All samples that a particle is part of, their share times its weight: those beside it along the bar, twice
+    # 1/7 Σ k/7 for k = 1 to 6, and those of two edges across it, 1/2 · 1/2 each.
     bound = steepest(body.mass, touching.corners, touching.weights, touching.share[touching.bare :])
-    assert bound * body.mass[1] == pytest.approx(2 * 0.2 * (0.2 + 0.4 + 0.6 + 0.8), rel=0.3)
+    assert bound * body.mass[1] == pytest.approx(2 * 21 / 49 + 2 / 4, rel=0.3)
 
 
 def test_only_what_is_long_has_them_and_not_too_many():
-    for cube in (Box(points=(5, 5, 5)), Box(points=(2, 2, 8), size=(0.2, 0.2, 1.0)), Rope(points=4, length=3.0)):
+    for cube in (Box(points=(5, 5, 5)), Box(points=(3, 3, 8), size=(0.2, 0.2, 1.0)), Rope(points=4, length=3.0)):
         touching = of(cube)[1]
         assert touching.skin == len(touching.points) == touching.bare
     body = assembled(Scene(jello=[Box(points=(2, 2, 2), size=(1.0, 1.0, 0.001))]))

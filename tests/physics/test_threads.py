@@ -140,7 +140,7 @@ def test_only_ropes_beside_solids_are_looked_for():
 
     far = Rope(points=4, length=1.0, position=(0.0, 3.0, 0.0))
     found = tangles(made(far, CUBE))
-    assert isinstance(found.threads, Threads) and not found.has_sheets and not found.has_bent
+    assert isinstance(found.threads, Threads) and not found.has_sheets and not found.has_slender
     assert found.threads.close(found.body.x, True) == []
     single = made(Box(points=(1, 1, 1)), CUBE)  # a single point has no segments
     single.frame()

@@ -25,6 +25,14 @@ def test_what_is_quick_is_within(tmp_path):
     assert (tmp_path / "bodies.csv").read_text().splitlines()[0] == "what,value,most,held"
 
 
+@pytest.mark.parametrize("bar", [bodies.BARS[0], bodies.BARS[1], bodies.BARS[3]])
+def test_bars_that_cross_do_not_pass_and_gain_no_energy(bar, request):
+    """The first and the last went through; the second one gained 0.67 of the 0.88 J that its fall gives."""
+    runtime.start(request.config.getoption("--arch"), "f32")
+    went, fed = bodies.crossing(bodies.across(*bar), "auto")
+    assert not went and fed < 0.05 * 0.3 * 9.81 * 0.3
+
+
 def test_few_points_and_many_sag_and_swing_alike(request):
     """The linear ones differ by 0.8 and 0.9 %, see tests/test_elastic.py; these are far from linear only in sag."""
     runtime.start(request.config.getoption("--arch"), "f32")
