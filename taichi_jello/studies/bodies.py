@@ -212,8 +212,8 @@ HELD: tuple[tuple[Callable[[str], list[float]], tuple[tuple[str, float], ...]], 
 
 
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
-    """A row for each figure; with --quick none of the rabbit, of ropes, of bars and of 16 points an edge. --method: another
-    than auto. Raises SceneError for an unknown one."""
+    """A row for each figure; with --quick none of the rabbit, of ropes, of bars and of 16 points an edge. --method:
+    another than auto. Raises SceneError for an unknown one."""
     method = chosen.method or AUTO
     check(method)
     work = [held for held in HELD if not chosen.quick or held[0] not in (foot, fed, bars, finer)]

@@ -127,7 +127,8 @@ def test_thickness_and_compactness_of_shapes():
     assert np.count_nonzero(cells <= touching.thickness[3]) >= 0.5 * len(cells)
     assert touching.thickness[4] == pytest.approx(8 * 0.25 * 0.25)  # eight times its radius
     loose = Touching.of(assembled(Scene(jello=jello)), np.arange(6) == 0)
-    assert not loose.compact[0] and not loose.slender[0] and loose.bare == touching.bare + 3 * 1 * 2  # with the points inside
+    assert not loose.compact[0] and not loose.slender[0]
+    assert loose.bare == touching.bare + 3 * 1 * 2  # with the points inside
 
 
 @pytest.mark.parametrize("turn", ["crossed", "by half"])
