@@ -241,6 +241,10 @@ class Jello(Checked):
         """The same jello with the files that it names looked for in `folder`."""
         return self
 
+    def seen_from(self, folder: Path) -> "Jello":
+        """The same jello with the files that it names as a scene file in `folder` is to name them."""
+        return self
+
     @property
     def changes(self) -> bool:
         """Whether its springs change with time."""

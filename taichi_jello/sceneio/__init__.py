@@ -46,7 +46,8 @@ def load(name: str) -> Scene:
 
 
 def save(scene: Scene, name: str) -> None:
-    """Write the scene to a file, in the format that its ending names.
+    """Write the scene to a file, in the format that its ending names. Files that the scene names are written as seen
+    from beside it.
 
     Raises SceneError naming the file, and the key of what the format cannot hold."""
     path = Path(name)
@@ -54,7 +55,7 @@ def save(scene: Scene, name: str) -> None:
     if path.suffix not in able:
         raise SceneError(name, f"expected a file ending in {', '.join(able)}")
     try:
-        able[path.suffix].save(scene, path)
+        able[path.suffix].save(replace(scene, jello=[jello.seen_from(path.parent) for jello in scene.jello]), path)
     except SceneError as error:
         raise SceneError(name, str(error)) from None
     except OSError as error:

@@ -44,6 +44,13 @@ class Mesh(Jello):
     def beside(self, folder: Path) -> Jello:
         return dataclasses.replace(self, file=str(folder / self.file))
 
+    def seen_from(self, folder: Path) -> Jello:
+        """Files in or below it by their way from there, so that all of it can be moved; others by their whole way."""
+        file, folder = Path(self.file).resolve(), folder.resolve()
+        return dataclasses.replace(
+            self, file=file.relative_to(folder).as_posix() if file.is_relative_to(folder) else str(file)
+        )
+
     def body(self) -> Body:
         points, triangles = read(self.file)
         low, extent = points.min(0), np.ptp(points, axis=0)

@@ -1,6 +1,7 @@
 """Scenes written to TOML and read back, and the line that a mistake is in."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from taichi_jello import (
     GravityKeyframe,
     GridField,
     Keyframe,
+    Mesh,
     Move,
     Pin,
     Plane,
@@ -97,6 +99,27 @@ def test_every_demo_survives_the_round_trip(name, tmp_path):
     scene, path = sceneio.load(name), str(tmp_path / "demo.toml")
     sceneio.save(scene, path)
     assert sceneio.load(path) == scene
+
+
+def test_a_mesh_is_named_as_seen_from_the_file_that_is_written(tmp_path, monkeypatch):
+    """A name seen from where Python ran was looked for beside the file, where there was none."""
+    mesh, below = tmp_path / "here" / "one.ply", tmp_path / "there" / "meshes"
+    mesh.parent.mkdir()
+    below.mkdir(parents=True)
+    mesh.write_text("")
+    monkeypatch.chdir(mesh.parent)
+    for file, folder, written in (
+        ("one.ply", below.parent, str(mesh)),
+        ("one.ply", mesh.parent, "one.ply"),
+        (str(below / "two.ply"), below.parent, "meshes/two.ply"),
+    ):
+        path = folder / "scene.toml"
+        sceneio.save(Scene(jello=[Mesh(file=file)]), str(path))
+        assert tomllib.loads(path.read_text())["jello"][0]["file"] == written
+        assert sceneio.load(str(path)).jello[0].file == str(Path(file).absolute())
+    moved = tmp_path / "moved"
+    below.parent.rename(moved)
+    assert sceneio.load(str(moved / "scene.toml")).jello[0].file == str(moved / "meshes" / "two.ply")
 
 
 def test_what_toml_cannot_hold_is_refused(tmp_path):
