@@ -5,6 +5,7 @@ see margins.py. Boxes are those along the jello's own axes, which fit it well ho
 too much: what it holds beyond the points that touch adds nothing, so no number depends on when it was made.
 """
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,11 @@ OWN = 2.5  # distances between the points within which a jello does not touch it
 ROUNDS = 7  # of a search
 ONE_STEP = 1.001  # the least time that lists last, in steps
 LEAST, MOST = 0.4, 0.6  # a margin's usual size, in distances between the points
+NARROWEST = 0.01  # of that
+
+
+class RoomWarning(UserWarning):
+    """More is near the points of jellos than there is room for in the lists of it."""
 
 
 @ti.data_oriented
@@ -85,9 +91,14 @@ class Neighbours(Margins):
 
     def refresh(self, system: Any, t: float, dt: float, frame_dt: float) -> None:
         """Make the lists anew for the particles as they are t seconds after the current frame began; where they have
-        no room, with narrower margins, and for a shorter time, in which what flies by comes near to less."""
+        no room, with narrower margins, and for a shorter time, in which what flies by comes near to less. Warns where
+        there is no room even so."""
         scale, lasts = 1.0, max(frame_dt, 3.0 * dt)
-        while self._search(system, t, dt, frame_dt, lasts, scale * LEAST, scale * MOST) > self.rows and scale > 0.01:
+        while self._search(system, t, dt, frame_dt, lasts, scale * LEAST, scale * MOST) > self.rows:
+            if scale < NARROWEST:
+                told = f"more is near their {self.count} points than {self.rows * ROW} places hold: some do not touch"
+                warnings.warn(f"jellos lie too densely in each other, {told}", RoomWarning, stacklevel=2)
+                break
             scale *= 0.5
             lasts = max(0.5 * lasts, ONE_STEP * dt)
         self.fresh, self.made_at = True, self.frame_start + t

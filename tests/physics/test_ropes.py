@@ -11,8 +11,9 @@ from touching_pairs import placed, touch
 
 from taichi_jello import Box, Contact, Rope, Scene, Sheet, Simulation, Snapshot, runtime
 from taichi_jello.explain import facts
-from taichi_jello.physics import loads
+from taichi_jello.physics import loads, neighbours
 from taichi_jello.physics.elements import closest
+from taichi_jello.physics.neighbours import RoomWarning
 from taichi_jello.physics.ropes import TWICE
 from taichi_jello.physics.touching import AT_ONCE, THICKNESS
 from taichi_jello.shapes.lattice import rotation
@@ -109,6 +110,26 @@ def test_forces_are_the_same_where_no_list_has_room_for_a_point_s_contacts(cross
     simulation = Simulation(crossed.scene, method="rk4", substeps=1)
     assert np.abs(found).max() > 0.0
     assert forces(simulation, x) == pytest.approx(found, abs=1e-5 * np.abs(found).max())
+
+
+def test_where_the_lists_have_no_room_it_is_told(monkeypatch, recwarn):
+    """Of two ropes squeezed into a ball every point has 23 segments near, and 7 places with the least room."""
+    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[Rope(points=24, length=3.0, **FREE)] * 2)
+
+    squeezed = 0.01 * np.random.default_rng(1).standard_normal((48, 3))
+
+    def begin(x):
+        simulation = Simulation(scene, method="rk4", substeps=1)
+        simulation.restore(Snapshot(0.0, x, np.zeros_like(x)))
+        simulation.step(1)
+
+    begin(squeezed)
+    assert not [one for one in recwarn if issubclass(one.category, RoomWarning)]
+    monkeypatch.setattr(neighbours, "ROOM", neighbours.ROW // 2)  # a row for each point: ropes have twice the room
+    begin(np.concatenate([squeezed[:24], squeezed[24:] + 9.0]))
+    assert not [one for one in recwarn if issubclass(one.category, RoomWarning)]
+    with pytest.warns(RoomWarning, match="more is near their 48 points than 384 places hold: some do not touch"):
+        begin(squeezed)
 
 
 def test_what_is_near_between_points_is_listed(crossed):
