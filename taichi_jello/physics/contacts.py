@@ -39,7 +39,7 @@ class Contacts(Ropes):
         touching = Touching.of(body, loose)
         self.body, self.tears, self.law = body, tears, law
         self.near = Neighbours(title, body, memory, touching, others, itself)
-        self.points, self.solid = len(touching.points), touching.solid
+        self.points, self.solid, self.first_sample = len(touching.points), touching.solid, touching.skin
         self.has_solid, self.has_thin = touching.solid > 0, touching.solid < len(touching.nodes)
 
         def table(name, values):
@@ -118,8 +118,6 @@ class Contacts(Ropes):
         else:
             busy = self.near.state[2]
             for k in range(system.share_of(first, busy), system.share_of(last, busy)):
-                if ti.static(self.can_thread):
-                    self.side_with_ropes(self.near.busy[k])
                 self.settle(self.near.busy[k])
 
     def obey(self, law):
@@ -143,9 +141,27 @@ class Contacts(Ropes):
         met = 0
         if ti.static(self.has_solid):
             met = self.find_solid(q, met, v, ahead)
-        if ti.static(self.has_thin):
-            met = self.find_thin(q, met, v, ahead)
+        if ti.static(self.has_thin):  # noqa: SIM102 - decided when it is compiled
+            if not self.is_between_points_of_a_rope(q):
+                met = self.find_thin(q, met, v, ahead)
         self.own[q] = met
+
+    @ti.func
+    def is_between_points_of_a_rope(self, q):
+        """Whether point q is one that touches only solids; see samples.py."""
+        between = False
+        if ti.static(self.near.has_ropes):
+            between = q >= self.first_sample and self.near.is_rope[self.near.jello[self.near.points[q]]] == 1
+        return between
+
+    @ti.func
+    def is_left_to_the_rope(self, q, e):
+        """Whether element e is a segment of a rope, whose own points touch the solid that q is a point of."""
+        left = False
+        if ti.static(self.can_thread):
+            own, other = self.near.jello[self.near.points[q]], self.near.owner[e]
+            left = self.near.radius[own] == 0.0 and self.near.is_rope[other] == 1
+        return left
 
     @ti.func
     def find_solid(self, q, met, v, ahead):
@@ -193,7 +209,7 @@ class Contacts(Ropes):
                 if best < FAR and met < AT_ONCE:
                     met += self.note(q, met, corners, weights, best, False, v, ahead)
                 jello, best = other, FAR
-            if k < end and e >= self.solid and self.may_touch(q, e):
+            if k < end and e >= self.solid and self.may_touch(q, e) and not self.is_left_to_the_rope(q, e):
                 nodes = self.near.nodes[e]
                 own = ti.Vector([self.point_of[nodes[0]], self.point_of[nodes[1]], self.point_of[nodes[2]]])
                 if self.are_ropes(self.near.jello[self.near.points[q]], other):

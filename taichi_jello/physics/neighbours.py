@@ -73,7 +73,8 @@ class Neighbours(Margins):
         self.listed, self.busy = zeros("how many found", self.count), zeros("busy points", self.count)
         self.others, self.itself, self.with_self = others, itself, bool(itself.any())
         self.has_lines = bool((others and touching.rope.sum() > 1) or itself[touching.rope].any())
-        if self.has_lines or (others and touching.rope.any()):
+        self.has_ropes = self.has_lines or (others and bool(touching.rope.any()))
+        if self.has_ropes:
             self.is_rope = table("ropes", touching.rope.astype(np.int32))
         self.rows = (2 if self.has_lines else 1) * ROOM * self.count // ROW  # a bundle of ropes has many segments near
         self.found = zeros("found", self.rows * ROW)

@@ -6,10 +6,8 @@ import taichi as ti
 
 from taichi_jello.physics.elements import closest
 from taichi_jello.physics.loads import Loads
-from taichi_jello.physics.tangles import DEEP, as_unturned
 from taichi_jello.physics.touching import AT_ONCE
 
-FARTHER = 0.5  # the cosine from which on a push on a rope in a solid goes farther in
 TWICE = 0.5  # what a contact of two ropes counts for: where they cross they touch from two points of each
 FLAT = 1e-3  # times how far ropes are kept apart: those that cross nearer than this do so in one plane
 TINY = 1e-9  # m
@@ -72,32 +70,3 @@ class Ropes(Loads):
         side = normal.dot(ti.Vector([0.1, 1.0, 0.01]))
         first = self.near.points[q] < self.near.points[corner]
         return ti.select((side > 0.0) == first, normal, -normal)
-
-    @ti.func
-    def side_with_ropes(self, q):
-        for contact in range(q * AT_ONCE, q * AT_ONCE + self.own[q]):
-            touched = self.near.jello[self.near.points[self.corners[contact][0]]]
-            if self.apart[contact] > 0.0 and self.near.is_rope[touched]:
-                self.side_with(contact, q)
-
-    @ti.func
-    def side_with(self, contact, q):
-        """A rope in a solid leaves it as its own points do: the solid's point q, which may be on either side of it, is
-        not to push it farther in. The more it would, the less it counts, without a jump: a rope that lies on a solid
-        has its axis now above and now below the points beside it. Where the rope is deep it is pushed out; see
-        Tangles.turned."""
-        n, way, deep = self.normal[contact], ti.Vector([0.0, 0.0, 0.0]), ti.cast(0.0, float)
-        for k in ti.static(range(2)):
-            r = self.corners[contact][k]
-            for its in range(r * AT_ONCE, r * AT_ONCE + self.own[r]):
-                other = self.near.jello[self.near.points[self.corners[its][0]]]
-                if self.apart[its] == 0.0 and other == self.near.jello[self.near.points[q]]:
-                    way += self.weights[contact][k] * self.normal[its]
-                    deep = ti.max(deep, self.depth(its, self.there) / (DEEP * self.core[its]))
-        cosine = way.dot(n) / ti.max(way.norm(), 1e-30)
-        if deep < 1.0:
-            self.share[contact] *= 1.0 - ti.min(ti.max(cosine / FARTHER, 0.0), 1.0)
-        elif cosine > 0.0:
-            distance = ti.abs(self.between(contact, self.there).dot(n))
-            self.normal[contact] = -n
-            self.share[contact] *= as_unturned(distance, self.apart[contact])

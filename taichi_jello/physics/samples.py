@@ -1,7 +1,7 @@
-"""Points between the particles of a solid's surface, where these are farther apart than it is thick (NumPy only).
+"""Points between the particles of surfaces and ropes, where these are farther apart than solids are thick (NumPy only).
 
 Of two bars that cross, the particles of either may all be beside the other one: without points between them nothing of
-one would ever be in the other.
+one would ever be in the other. So of a rope that lies across a bar.
 """
 
 import numpy as np
@@ -10,13 +10,18 @@ MOST = 8  # parts of an edge
 EDGES = np.array([[0, 1], [0, 2], [1, 3], [2, 3]])  # of a face, by its corners in the order of touching.FACES
 
 
-def samples(rest: np.ndarray, faces: np.ndarray, longest: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of the edges of the open faces (F, 4): the particles (S, 8) that each point is between, their weights (S, 8), and
-    how much of a particle of the surface (S,) it stands for. An edge longer than `longest` (F,) [m] is cut into parts
-    that are not, but no more than MOST."""
-    ends, first = np.unique(np.sort(faces[:, EDGES].reshape(-1, 2), 1), axis=0, return_index=True)
+def edges(faces: np.ndarray) -> np.ndarray:
+    """(E, 2) the edges of the faces (F, 4), each once."""
+    found: np.ndarray = np.unique(np.sort(faces[:, EDGES].reshape(-1, 2), 1), axis=0)
+    return found
+
+
+def samples(rest: np.ndarray, ends: np.ndarray, longest: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of the edges between particles `ends` (E, 2): the particles (S, 8) that each point is between, their weights
+    (S, 8), and how much of a particle (S,) it stands for. An edge longer than `longest` (E,) [m] is cut into parts that
+    are not, but no more than MOST."""
     length = np.linalg.norm(rest[ends[:, 1]] - rest[ends[:, 0]], axis=1)
-    parts = np.minimum(np.ceil(length / np.repeat(longest, len(EDGES))[first] - 1e-6), MOST).astype(int)
+    parts = np.minimum(np.ceil(length / longest - 1e-6), MOST).astype(int)
     edge = np.repeat(np.arange(len(ends)), np.maximum(parts - 1, 0))
     number = np.arange(len(edge)) - np.searchsorted(edge, edge) + 1  # 1 to parts - 1 along each
     along = number / parts[edge]

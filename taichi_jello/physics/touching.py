@@ -7,7 +7,7 @@ import numpy as np
 from taichi_jello.body import Body
 from taichi_jello.physics.cores import compact, convex, cores, hearts, thicknesses
 from taichi_jello.physics.forces.skin_contact import shares
-from taichi_jello.physics.samples import samples
+from taichi_jello.physics.samples import edges, samples
 
 FAR = 1e30  # m
 LONGEST = 0.75  # of a convex body's thickness: edges of all of it end in the planes of the sides of one like it
@@ -116,7 +116,10 @@ class Touching:
         open_faces = (~body.embedded & ~loose[body.jello])[faces[:, 0]]
         through = np.array([np.median(thick[holder == j]) if is_solid[j] else np.inf for j in range(jellos)])
         longest = through * np.where(is_convex, LONGEST, 1.0)
-        between, shared, parts = samples(body.rest, faces[open_faces], longest[body.jello[faces[open_faces, 0]]])
+        firm = is_solid & ~loose
+        longest[is_rope] = LONGEST * through[firm].min(initial=np.inf)  # of all solids: it may lie across any
+        ends = np.concatenate([edges(faces[open_faces]), segments[~loose[body.jello[segments[:, 0]]]]])
+        between, shared, parts = samples(body.rest, ends, longest[body.jello[ends[:, 0]]])
         corners = np.concatenate([body.skin_corners, between]).astype(np.int32)
         weights = np.concatenate([body.skin_weights, shared])
         main = np.take_along_axis(corners, weights.argmax(1)[:, None], 1)[:, 0]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from touching_pairs import touch
 
-from taichi_jello import Box, Pin, Rope, Scene, Simulation, runtime
+from taichi_jello import Box, Pin, Rope, Scene, Sheet, Simulation, runtime
 from taichi_jello.assembly import assembled
 from taichi_jello.physics.forces.skin_contact import steepest
-from taichi_jello.physics.samples import MOST, samples
+from taichi_jello.physics.samples import MOST, edges, samples
 from taichi_jello.physics.touching import Touching, ways_out
 
 ENDS = [Pin(max=(0.0, 1.0, 1.0)), Pin(min=(1.0, 0.0, 0.0))]
@@ -48,15 +48,45 @@ def test_edges_are_cut_into_parts_shorter_than_the_body_is_thick():
 
 
 def test_only_what_is_long_has_them_and_not_too_many():
-    for cube in (Box(points=(5, 5, 5)), Box(points=(3, 3, 8), size=(0.2, 0.2, 1.0)), Rope(points=4, length=3.0)):
+    for cube in (Box(points=(5, 5, 5)), Box(points=(3, 3, 8), size=(0.2, 0.2, 1.0)), Rope(points=6, length=3.0)):
         touching = of(cube)[1]
         assert touching.skin == len(touching.points) == touching.bare
     body = assembled(Scene(jello=[Box(points=(2, 2, 2), size=(1.0, 1.0, 0.001))]))
     faces = ways_out(body.rest, body.cells)[0]
-    corners, _, share = samples(body.rest, faces, np.full(len(faces), 0.001))
+    corners, _, share = samples(body.rest, edges(faces), np.full(12, 0.001))
     assert share.min() == 1.0 / MOST and len(corners) == 8 * (MOST - 1)
     loose = Touching.of(body, np.ones(1, bool))
     assert loose.skin == len(loose.points)
+
+
+def test_a_rope_has_them_where_it_may_lie_across_what_is_thin():
+    rope, bar = Rope(points=4, length=0.3), Box(points=(9, 3, 3), size=(1.6, 0.04, 0.04))
+    body = assembled(Scene(jello=[rope, bar, Sheet(points=(3, 3))]))
+    touching = Touching.of(body, np.zeros(3, bool))
+    own = touching.points[touching.skin :] < 4
+    places = touching.places(body.x)[touching.skin :][own]
+    assert len(places) == 3 * 3 and touching.share[touching.skin :][own] == pytest.approx(0.25)  # 0.1 m, in 0.03 m
+    assert np.sort([*places[:, 0], *body.x[:4, 0]]) == pytest.approx(np.linspace(-0.15, 0.15, 13), abs=1e-7)
+    for loose in ([True, False, False], [False, True, False]):
+        touching = Touching.of(body, np.array(loose))
+        assert not np.any(touching.points[touching.skin :] < 4)
+
+
+def test_a_point_between_those_of_a_rope_touches_only_solids():
+    """Beside another rope and a sheet, nearer than they are kept apart, only the particles have contacts."""
+    rope, bar = Rope(points=4, length=0.3), Box(points=(9, 3, 3), size=(1.6, 0.04, 0.04), position=(0.0, 0.0, 0.0))
+    near = [
+        Rope(points=9, length=0.3, position=(0.0, 0.01, 0.0)),
+        Sheet(points=(9, 9), size=(0.4, 0.4), rotation=(90.0, 0.0, 0.0)),
+    ]
+    far = (0.0, 9.0, 0.0)
+    for others, some in (([replace(bar, position=far), *near], False), ([bar], True)):
+        simulation = Simulation(Scene(jello=[rope, *others]), method="rk4", substeps=100)
+        simulation.step(1)
+        found = touch(simulation)
+        own = found.contacts.own.to_numpy()[found.contacts.first_sample :]
+        mine = simulation.body.jello[found.near.touching.points[found.contacts.first_sample :]] == 0
+        assert found.contacts.own.to_numpy()[:4].all() and mine.any() and own[mine].any() == some
 
 
 @pytest.mark.parametrize(
