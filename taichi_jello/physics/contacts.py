@@ -1,8 +1,8 @@
 """Which points touch which other jello, and where: found once a step, at the place that the step is about to reach.
 
 A point that is inside a solid jello is to leave it (see exits.py). Sheets and ropes have no inside: points keep a
-radius away from their triangles and segments, but for a solid's points beside a rope, which is left to the rope's own:
-what both do at the edge of a solid has no potential. For ropes among themselves see ropes.py.
+radius away from their triangles and segments. But where a rope lies on a solid the solid's points are on either side
+of it; these two touch by the rope's points alone. For ropes among themselves see ropes.py.
 """
 
 import numpy as np
