@@ -24,8 +24,8 @@ SLIM = 1e-4  # of a round body's inertia and mass: what has less does not turn
 @ti.data_oriented
 class Brake:
     """deep[J a + b]: whether one of the jellos a and b is in a core of the other one; any[0]: whether any is;
-    sides[J a + b]: the way out of b for a, the sum of normals, but for two compact solids and two sheets; their middles
-    tell that. What may melt or tear is not braked."""
+    sides[J a + b]: the way out of b for a, the sum of normals, but for two compact solids, whose middles tell that, and
+    for a sheet with what is thin. What may melt or tear is not braked."""
 
     def __init__(self, title: str, memory: Memory, near: Neighbours):
         self.near, self.jellos = near, near.jellos

@@ -157,11 +157,13 @@ class Contacts(Ropes):
 
     @ti.func
     def is_left_to_the_rope(self, q, e):
-        """Whether element e is a segment of a rope, whose own points touch the solid that q is a point of."""
+        """Whether element e is a segment of a rope whose own points touch the solid that q is a point of; those of one
+        that may melt or tear touch all the same, since it may have no cells left."""
         left = False
         if ti.static(self.can_thread):
             own, other = self.near.jello[self.near.points[q]], self.near.owner[e]
-            left = self.near.radius[own] == 0.0 and self.near.is_rope[other] == 1
+            solid = self.near.radius[own] == 0.0 and self.brake.firm[own] > 0
+            left = solid and self.near.is_rope[other] == 1
         return left
 
     @ti.func

@@ -3,6 +3,7 @@
 import numpy as np
 
 CORE = 0.25  # of a jello's thickness: the depth at which its core begins
+ROUNDING = 1e-6  # of a length
 COMPACT = 2.0  # times as long as it is thick is what is compact at most
 PAIRS = 200  # of cells whose middles are joined to find out whether a body is convex
 
@@ -36,7 +37,7 @@ def compact(rest: np.ndarray, cells: np.ndarray) -> bool:
     """Whether a body of the cells (C, 8), measured along their axes, is about as thick as it is long."""
     edges = rest[cells[0, [4, 2, 1]]] - rest[cells[0, 0]]
     extents = np.ptp(rest[np.unique(cells)] @ (edges / np.linalg.norm(edges, axis=1)[:, None]).T, axis=0)
-    return bool(extents.max() <= COMPACT * extents.min())
+    return bool(extents.max() <= (1.0 + ROUNDING) * COMPACT * extents.min())
 
 
 def hearts(rest: np.ndarray, cells: np.ndarray, owner: np.ndarray, jellos: int) -> np.ndarray:

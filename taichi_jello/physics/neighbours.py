@@ -122,8 +122,8 @@ class Neighbours(Margins):
     @ti.func
     def beside(self, q, k: ti.template()):
         """The point before, for k = 0, or behind point q on its rope; q itself where there is none."""
-        r = ti.min(ti.max(q + 2 * k - 1, 0), self.count - 1)  # points are numbered along a rope
-        return ti.select(self.jello[self.points[r]] == self.jello[self.points[q]], r, q)
+        r = ti.min(ti.max(q + 2 * k - 1, 0), self.bare - 1)  # particles are numbered along a rope
+        return ti.select(q < self.bare and self.jello[self.points[r]] == self.jello[self.points[q]], r, q)
 
     @ti.func
     def reach_of(self, q, x):

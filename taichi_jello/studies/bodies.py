@@ -24,6 +24,7 @@ COLUMN, ACROSS = 0.011, 0.55  # m: between the columns that surfaces are looked 
 UPRIGHT = 0.7  # the least of a normal's upright part for a face to count as one that lies or bears
 CUBE = Box(young=2000.0, density=500.0, pin=[Pin(min=(0.0, 1.0, 0.0))])  # it hangs by its top
 POINTS = (8, 16)  # along an edge
+HEIGHT, MASS = 0.3, 0.3  # m, kg
 BARS = (  # see `across`: points of one in the planes of the other's sides; so turned; thin ones of few points
     (17, 0.1, 0.05, (0.0, 90.0, 0.0)),
     (17, 0.1, 0.05, (45.0, 90.0, 0.0)),
@@ -121,31 +122,31 @@ def fed(method: str) -> list[float]:
 
 
 def across(points: int, thick: float, aside: float, rotation: tuple[float, float, float]) -> Scene:
-    """A bar of 1.6 m and `points` along it, held at its ends, and one like it, but softer, that falls from 0.3 m across
-    it, `aside` [m] from its middle."""
+    """A bar of 1.6 m and `points` along it, held at its ends, and a softer one, of MASS, that falls HEIGHT across it,
+    `aside` [m] from its middle."""
     bar = Box(points=(points, 2, 2), size=(1.6, thick, thick), stiffness=2000.0, damping=1.0)
-    falls = replace(bar, position=(aside, 0.3, aside), rotation=rotation, mass=0.3, stiffness=500.0, damping=0.2)
+    falls = replace(bar, position=(aside, HEIGHT, aside), rotation=rotation, mass=MASS, stiffness=500.0, damping=0.2)
     ends = [Pin(max=(0.001, 1.0, 1.0)), Pin(min=(0.999, 0.0, 0.0))]
     return Scene(jello=[replace(bar, pin=ends), falls])
 
 
 def crossing(scene: Scene, method: str) -> tuple[bool, float]:
     """Whether the second bar goes through the first one, and the most energy [J] that comes from nowhere."""
-    simulation, fed = Simulation(scene, method=method, ledger=True), 0.0
+    simulation, most = Simulation(scene, method=method, ledger=True), 0.0
     watch = watched(simulation.body)
     for _ in range(90):
         watch.look(simulation.x.astype(float), False)
         simulation.frame()
-        fed = max(fed, simulation.energy_residual)
+        most = max(most, simulation.energy_residual)
     watch.look(simulation.x.astype(float), False)
-    return watch.went, fed
+    return watch.went, most
 
 
 def bars(method: str) -> list[float]:
     """Of each of BARS: how many of the falling ones go through, and the most energy that comes from nowhere, as a part
     of what the fall gives."""
     found = [crossing(across(*bar), method) for bar in BARS]
-    return [sum(went for went, _ in found), max(fed for _, fed in found) / (0.3 * 9.81 * 0.3)]
+    return [sum(went for went, _ in found), max(most for _, most in found) / (MASS * 9.81 * HEIGHT)]
 
 
 def hung(points: int, method: str, gravity: float, drag: float) -> Simulation:

@@ -72,6 +72,30 @@ def test_a_rope_has_them_where_it_may_lie_across_what_is_thin():
         assert not np.any(touching.points[touching.skin :] < 4)
 
 
+def test_what_may_tear_feels_a_rope_whatever_else_there_is():
+    """A rope lies over a bar between its points: those of one that may tear touch its segments, since it may have no
+    cells left, and they did not where there was a firm solid too."""
+    bar = Box(points=(5, 2, 2), size=(1.6, 0.2, 0.2), tear_strain=9.0)
+    rope = Rope(points=9, length=1.6, position=(0.0, 0.15, 0.1))
+    stored = []
+    for others in ([], [Box(points=(3, 3, 3), position=(0.0, 9.0, 0.0))]):
+        simulation = Simulation(Scene(gravity=(0.0, 0.0, 0.0), jello=[bar, rope, *others]), method="rk4", substeps=50)
+        stored.append(simulation.energies()["contact"])
+    assert stored[0] > 0.0 and stored[1] == pytest.approx(stored[0], rel=1e-5)
+
+
+def test_the_end_of_a_rope_has_no_segment_beside_a_point_between():
+    """Straight, a rope that touches itself does not: its last particle was followed by the first of those between."""
+    rope = Rope(points=12, length=3.0, self_contact=True)
+    scene = Scene(
+        gravity=(0.0, 0.0, 0.0), jello=[Box(points=(5, 5, 5), size=(0.2, 0.2, 0.2), position=(0, 9.0, 0)), rope]
+    )
+    simulation = Simulation(scene, method="rk4", substeps=50)
+    touching = touch(simulation).near.touching
+    assert touching.skin == touching.bare and (simulation.body.jello[touching.points[-1]] == 1)
+    assert simulation.energies()["contact"] == 0.0
+
+
 def test_a_point_between_those_of_a_rope_touches_only_solids():
     """Beside another rope and a sheet, nearer than they are kept apart, only the particles have contacts."""
     rope, bar = Rope(points=4, length=0.3), Box(points=(9, 3, 3), size=(1.6, 0.04, 0.04), position=(0.0, 0.0, 0.0))
