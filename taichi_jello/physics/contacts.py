@@ -40,7 +40,7 @@ class Contacts(Ropes):
         touching = Touching.of(body, loose)
         self.body, self.tears, self.law = body, tears, law
         self.near = Neighbours(title, body, memory, touching, others, itself)
-        self.points, self.solid, self.first_sample = len(touching.points), touching.solid, touching.skin
+        self.points, self.solid = len(touching.points), touching.solid
         self.has_solid, self.has_thin = touching.solid > 0, touching.solid < len(touching.nodes)
 
         def table(name, values):
@@ -152,7 +152,7 @@ class Contacts(Ropes):
         """Whether point q is one that touches only solids; see samples.py."""
         between = False
         if ti.static(self.near.has_ropes):
-            between = q >= self.first_sample and self.near.is_rope[self.near.jello[self.near.points[q]]] == 1
+            between = q >= self.near.first_sample and self.near.is_rope[self.near.jello[self.near.points[q]]] == 1
         return between
 
     @ti.func

@@ -39,7 +39,7 @@ class Exits:
         self.way = memory.table(title, "ways to them", touching.way)
         self.inner = memory.table(title, "inner neighbours", touching.inner)
         self.core = memory.table(title, "cores of cells", touching.core)
-        self.first_sample, self.sampled = touching.skin, touching.skin < len(touching.points)
+        self.sampled = near.first_sample < near.count
         self.some_compact = bool(np.count_nonzero(touching.compact) > 1)
         if self.some_compact:
             self.compact = memory.table(title, "compact", touching.compact.astype(np.int32))
@@ -60,7 +60,7 @@ class Exits:
         p, a = self.place[q], self.there[self.near.nodes[e][0]]
         out = p - self.there[self.inner[q]]
         if ti.static(self.sampled):  # noqa: SIM102 - decided when it is compiled
-            if q >= self.first_sample:  # the way into the body is that from the particle beside it
+            if q >= self.near.first_sample:  # the way into the body is that from the particle beside it
                 out = self.there[self.near.points[q]] - self.there[self.inner[q]]
         same, first, least, way = 0, 0, ti.cast(FAR, float), self.way[e]
         for k in ti.static(range(3)):

@@ -54,6 +54,7 @@ class Neighbours(Margins):
         self.touching, self.count, self.elements = touching, len(touching.points), len(touching.nodes)
         self.points, self.nodes = table("points", touching.points), table("elements", touching.nodes)
         self.bare, self.skinned = touching.bare, touching.bare < self.count
+        self.first_sample = touching.skin
         if self.skinned:
             self.corners = table("skin corners", touching.corners)
             self.weights = table("skin weights", touching.weights)

@@ -27,8 +27,7 @@ class Threads:
         self.first = np.searchsorted(body.jello, np.arange(len(touching.rope)))
         self.whose, self.jello, self.thickness = whose, body.jello, touching.thickness
         self.ropes = {j: segments[owner == j] for j in np.flatnonzero(touching.rope)}
-        firm = np.flatnonzero(touching.slender | touching.compact)
-        self.solids = {j: triangles[whose[triangles[:, 0]] == j] for j in firm}
+        self.solids = {j: triangles[whose[triangles[:, 0]] == j] for j in np.flatnonzero(touching.firm)}
         self.skinned = np.isin(np.arange(len(touching.rope)), body.jello[body.embedded])
 
     def close(self, x: np.ndarray, deep: bool) -> list[tuple[Any, Any]]:

@@ -145,12 +145,17 @@ class Touching:
             core=cores(thick, np.where(skinned, 0.0, spacing[holder])),
             thickness=thickness,
             compact=is_compact & ~loose,
-            slender=is_solid & ~is_compact & ~loose,
+            slender=firm & ~is_compact,
             sheet=is_sheet & ~loose,
             rope=is_rope & ~loose,
             loose=loose,
             hearts=hearts(body.rest, body.cells, holder, jellos),
         )
+
+    @property
+    def firm(self) -> np.ndarray:
+        """(J,) bool: the solid ones that keep their shape."""
+        return self.slender | self.compact
 
     @property
     def has_sheets(self) -> bool:
@@ -160,12 +165,12 @@ class Touching:
     @property
     def has_slender(self) -> bool:
         """Whether solids of two jellos can hold each other: one is slender, and none is loose."""
-        return bool(self.slender.any()) and int(np.sum(self.slender | self.compact)) > 1
+        return bool(self.slender.any()) and int(np.sum(self.firm)) > 1
 
     @property
     def has_threads(self) -> bool:
         """Whether a rope can go through a solid; what may melt or tear is left out."""
-        return bool(self.rope.any()) and bool(np.any(self.slender | self.compact))
+        return bool(self.rope.any()) and bool(self.firm.any())
 
     def places(self, x: np.ndarray) -> np.ndarray:
         """(Q, 3) [m] where the points are with the particles at x (N, 3)."""

@@ -108,8 +108,8 @@ def test_a_point_between_those_of_a_rope_touches_only_solids():
         simulation = Simulation(Scene(jello=[rope, *others]), method="rk4", substeps=100)
         simulation.step(1)
         found = touch(simulation)
-        own = found.contacts.own.to_numpy()[found.contacts.first_sample :]
-        mine = simulation.body.jello[found.near.touching.points[found.contacts.first_sample :]] == 0
+        own = found.contacts.own.to_numpy()[found.near.first_sample :]
+        mine = simulation.body.jello[found.near.touching.points[found.near.first_sample :]] == 0
         assert found.contacts.own.to_numpy()[:4].all() and mine.any() and own[mine].any() == some
 
 
