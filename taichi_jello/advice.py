@@ -5,13 +5,12 @@ import warnings
 import numpy as np
 
 from taichi_jello.body import Body
+from taichi_jello.physics.contact_law import contact_numbers, least_extents, standing_points
 from taichi_jello.physics.forces.grab import Grab
-from taichi_jello.physics.forces.skin_contact import shares
 from taichi_jello.scene import Scene
 
 SUNK = 0.1  # of its least extent, by which a jello may sink into what it lies on
 FIRM = 0.01  # of the same, with the stiffness that is advised
-SIDES = 6  # of a jello; it lies on one of them
 STRAINED = 1e-3  # of its rest length, by which a spring may be off in what begins undeformed
 LEAP = 2.0  # m/s that a jello may gain in its first frame beyond what gravity gives it
 
@@ -22,26 +21,20 @@ class SceneWarning(UserWarning):
 
 def carries(scene: Scene) -> bool:
     """Whether there is anything that a jello can lie on."""
-    return scene.contact.stiffness > 0.0 and bool(scene.collider or (scene.contact.touch and len(scene.jello) > 1))
+    return scene.contact.stiffness != 0.0 and bool(scene.collider or (scene.contact.touch and len(scene.jello) > 1))
 
 
 def on_contact(scene: Scene, body: Body) -> None:
     """Warn of jellos too heavy for the contact springs that are to carry them."""
-    weight, stiffness = float(np.linalg.norm(scene.gravity)), scene.contact.stiffness
     if not carries(scene):
         return
-    bare = np.bincount(body.jello[np.unique(body.surface)], minlength=len(scene.jello)).astype(float)
-    touching = np.where(bare > 0.0, bare / SIDES, np.bincount(body.jello))
-    if len(body.skin_corners):
-        skin = np.bincount(body.jello[body.skin_corners[:, 0]], shares(body), len(scene.jello)) / SIDES
-        touching = np.where(skin > 0.0, skin, touching)
-    for j, points in enumerate(touching):
+    weight, touching, least = float(np.linalg.norm(scene.gravity)), standing_points(body), least_extents(body)
+    for j, (stiffness, _) in enumerate(contact_numbers(scene, body)):
         own = body.jello == j
-        mass, extent = float(body.mass[own].sum()), np.ptp(body.rest[own], axis=0)
-        least = float(extent[extent > 0.0].min(initial=np.inf))
-        depth = mass * weight / (stiffness * max(float(points), 1.0))
-        if depth > SUNK * least and not body.pinned[own].any():
-            enough = stiffness * depth / (FIRM * least)
+        mass = float(body.mass[own].sum())
+        depth = mass * weight / (stiffness * float(touching[j]))
+        if depth > SUNK * least[j] and not body.pinned[own].any():
+            enough = stiffness * depth / (FIRM * least[j])
             warnings.warn(
                 f"jello.{j}: {mass:.3g} kg on contact springs of {stiffness:g} N/m sinks in by about {depth:.2g} m; "
                 f"contact.stiffness = {enough:.1g} would carry it",

@@ -45,6 +45,15 @@ def number(key: str, value: Any, *, low: float = -np.inf, above: float = -np.inf
     return float(value)
 
 
+def number_or_auto(key: str, value: Any, meant: str = "a number", **limits: float) -> float | str:
+    """A number as `number` checks it, or the word "auto"."""
+    if isinstance(value, str):
+        if value != "auto":
+            raise SceneError(key, f'expected "auto" or {meant}, got {value!r}')
+        return value
+    return number(key, value, **limits)
+
+
 def whole(key: str, value: Any, *, low: int) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < low:
         raise SceneError(key, f"expected a whole number of at least {low}, got {value!r}")

@@ -23,6 +23,7 @@ from taichi_jello.checked import (
     by_family,
     listed,
     number,
+    number_or_auto,
     truth,
     vector,
     vectors,
@@ -45,28 +46,28 @@ class Solver(Checked):
     frame_dt: float = 1.0 / 60.0
 
     def check(self) -> dict[str, Any]:
-        if isinstance(self.dt, str) and self.dt != "auto":
-            raise SceneError("dt", f'expected "auto" or seconds, got {self.dt!r}')
         return {
             "method": word("method", self.method),
-            "dt": self.dt if self.dt == "auto" else number("dt", self.dt, above=0.0),
+            "dt": number_or_auto("dt", self.dt, "seconds", above=0.0),
             "frame_dt": number("frame_dt", self.frame_dt, above=0.0),
         }
 
 
 @dataclass(frozen=True, kw_only=True)
 class Contact(Checked):
-    """The penalty spring [N/m], dashpot [N·s/m] and Coulomb coefficient of every touching point; `touch`: whether
-    jellos feel each other."""
+    """The penalty spring [N/m], dashpot [N·s/m] and Coulomb coefficient of every touching point; "auto": from each
+    jello's own springs, see physics/contact_law.py. `touch`: whether jellos feel each other."""
 
-    stiffness: float = 2000.0
-    damping: float = 0.5
+    stiffness: float | str = "auto"
+    damping: float | str = "auto"
     friction: float = 0.3
     touch: bool = True
 
     def check(self) -> dict[str, Any]:
-        numbers = {name: number(name, getattr(self, name), low=0.0) for name in ("stiffness", "damping", "friction")}
-        return numbers | {"touch": truth("touch", self.touch)}
+        checked: dict[str, Any] = {"friction": number("friction", self.friction, low=0.0)}
+        for name in ("stiffness", "damping"):
+            checked[name] = number_or_auto(name, getattr(self, name), low=0.0)
+        return checked | {"touch": truth("touch", self.touch)}
 
 
 @dataclass(frozen=True, kw_only=True)

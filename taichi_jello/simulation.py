@@ -72,6 +72,7 @@ class Simulation:
         self._begun = False
         self._ran: set[str] = set()  # methods
         self._books: Books | None = None
+        self.first_tuning = dict(self.tuning)  # as the scene has it
         self.start = self.snapshot()
         self._starts = True  # it is where the scene begins
         self._open_books()

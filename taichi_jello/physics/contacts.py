@@ -269,7 +269,13 @@ class Contacts(Ropes):
         way = HALFWAY * (self.near.radius[a] + self.near.radius[b])
         mass = ti.max(self.particle_mass[a], self.particle_mass[b])
         both_thin = ti.min(self.near.radius[a], self.near.radius[b]) > 0.0
-        return both_thin and inward > 0.0 and mass * inward * inward > self.law[0][0] * way * way
+        return both_thin and inward > 0.0 and mass * inward * inward > self.law.between(a, b)[0] * way * way
+
+    @ti.func
+    def law_of(self, contact):
+        """What a contact goes by, see ContactLaw."""
+        own, other = self.near.points[contact // AT_ONCE], self.near.points[self.corners[contact][0]]
+        return self.law.between(self.near.jello[own], self.near.jello[other])
 
     @ti.func
     def difference(self, q, corners, weights, x):

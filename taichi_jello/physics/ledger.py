@@ -45,6 +45,7 @@ class Ledger:
         self.names += ["impacts"] * any(force.sweep or force.brake for force in forces) + ["handles"] * handles
         self.starts = tuple(int(n) for n in np.cumsum([0] + [len(force.works) for force in self.own]))
         self.memory, self.count, self.columns = memory, memory.particles, len(self.names)
+        self.kept: dict[str, float] = {}  # of the call that runs
         if self.names:
             self.work = memory.table("ledger", "work", np.zeros((self.count, self.columns)))
 
@@ -90,16 +91,28 @@ class Ledger:
                 out[i, c] = self.work[i][c]
                 self.work[i][c] = 0.0
 
+    def keep(self) -> None:
+        """Add what is in the fields to what is kept."""
+        for name, work in zip(self.names, self._sums(), strict=True):
+            self.kept[name] = self.kept.get(name, 0.0) + work
+
+    def drop(self) -> None:
+        """Forget what is in the fields: the work of steps that are taken back."""
+        self._sums()
+
     def take(self) -> dict[str, float]:
         """The work [J] since the last time, by account."""
+        self.keep()
+        kept, self.kept = self.kept, {}
+        return kept
+
+    def _sums(self) -> list[float]:
+        """The columns of the fields, which begin anew."""
         if not self.names:
-            return {}
+            return []
         out = np.empty((self.count, self.columns), self.memory.number)
         self._take(out)
-        total: dict[str, float] = {}
-        for name, work in zip(self.names, out.sum(0, dtype=np.float64).tolist(), strict=True):
-            total[name] = total.get(name, 0.0) + work
-        return total
+        return out.sum(0, dtype=np.float64).tolist()
 
 
 class Books:

@@ -16,11 +16,21 @@ class Stepper:
     Where a force keeps by itself for many steps what it found (`watches`), it looks before every step whether that
     still holds; if not, the rest of the substeps is left to the next call."""
 
-    def __init__(self, system: Any):
-        self.system, self.integrator, self.ledger = system, system.integrator, system.ledger
+    def __init__(self, system: Any, integrator: Any):
+        self.system, self.integrator, self.ledger = system, integrator, system.ledger
         self.watched, self.team, self.count, self.books = system.watched, system.team, system.count, system.books
         if self.watched:
             self.reached = system.memory.table("clock", "steps done", np.zeros(1, np.int32))
+
+    def take(self, first: int, last: int, dt: float) -> None:
+        """Substeps `first` to `last` of the current frame, dt [s] each."""
+        self.system.get_ready(self.integrator, dt)
+        origin = first
+        while first < last:
+            self.system.refresh(first * dt, dt)
+            first = self.go(origin, first, last, dt)
+            if first < last:
+                self.system.forget()
 
     def go(self, origin: int, first: int, last: int, dt: float) -> int:
         """Substeps `first` to `last`, dt [s] each, of those that began with `origin`. Returns the first that is not

@@ -23,7 +23,6 @@ from taichi_jello.physics.ledger import Ledger
 from taichi_jello.physics.particles import Particles
 from taichi_jello.physics.probe import Probe
 from taichi_jello.physics.state import ALONE, Memory, State
-from taichi_jello.physics.stepper import Stepper
 from taichi_jello.plugins import classes
 from taichi_jello.scene import Scene
 
@@ -84,7 +83,7 @@ class System:
         self.handles = Handles(scene, body)
         self.ledger: Any = Ledger(self.all_forces, self.memory, len(self.handles.held) > 0) if ledger else None
         self.books = self.ledger is not None and self.ledger.columns > 0
-        self.probe, self.stepper = Probe(self), Stepper(self)
+        self.probe, self.stepper = Probe(self), self.integrator.make_stepper(self)
         if self.team > 1:
             self.arrivals = ti.field(ti.i64, 1)  # how often threads came to wait_for_team, ever
         self.memory.fill()
@@ -131,13 +130,14 @@ class System:
         return min(owner.threads, len(runtime.usable_cores())) if particles >= ALONE else 1
 
     @ti.func
-    def accelerations(self, first, last, x, v, t, a):
-        """a = f(x, v, t)/m for the particles first … last - 1, f the sum of the forces the scene has.
+    def accelerations(self, first, last, x, v, t, a, looks: ti.template() = False):
+        """a = f(x, v, t)/m for the particles first … last - 1, f the sum of the forces the scene has. `looks`: forces
+        find what is touched at x, as for a long step, which may lead far from where it began.
 
         (Everywhere in the step `f[i] = f[i] + …`, since Taichi makes `f[i] += …` an atomic addition in a parallel
         loop: measured, it halves the speed.)"""
-        if ti.static(self.integrator.solves):
-            self.look(first, last, x, v, 0.0)  # a long step may lead far from where it began
+        if ti.static(looks):
+            self.look(first, last, x, v, 0.0)
         self.wait_for_team()  # until x and v of all particles are there
         if ti.static(len(self.prepared) > 0):
             for force in ti.static(self.prepared):
@@ -214,27 +214,24 @@ class System:
 
     def steps(self, first: int, last: int, dt: float) -> None:
         """Substeps `first` to `last` of the current frame, dt [s] each; in this frame each in `parts`."""
-        first, last, dt = first * self.parts, last * self.parts, dt / self.parts
+        self.stepper.take(first * self.parts, last * self.parts, dt / self.parts)
+
+    def get_ready(self, integrator: Integrator, dt: float) -> None:
+        """Before steps of dt [s] by `integrator`."""
         for force in self.hurried:
-            force.stride(dt, self.integrator.solves, self.bound.damping)
-        if self.integrator.solves:
-            self.integrator.prepare(self, dt)
+            force.stride(dt, integrator.solves, self.bound.damping)
+        if integrator.solves:
+            integrator.prepare(self, dt)
         for sweep in self.sweeps:
             sweep.look_out(self.good.v, dt)
-        origin = first
-        while first < last:
-            self._refresh(first * dt, dt)
-            first = self.stepper.go(origin, first, last, dt)
-            if first < last:
-                self._forget()
 
-    def _refresh(self, t: float, dt: float) -> None:
+    def refresh(self, t: float, dt: float) -> None:
         """Have forces bring up to date what they keep for many steps, where they do not know that it is."""
         for force in self.watched:
             if not force.fresh:
                 force.refresh(self, t, dt)
 
-    def _forget(self) -> None:
+    def forget(self) -> None:
         for force in self.watched:
             force.forget()
 
@@ -251,7 +248,7 @@ class System:
             if not (np.array_equal(x, self.good.x) and np.array_equal(v, self.good.v)):
                 gained = self.handles.kinetic(v) - self.handles.kinetic(self.good.v)
                 self.good.set(x, v)
-                self._forget()
+                self.forget()
         if self.hurried and not within:
             x, v = self.good.x, self.good.v
             asked = [force.parts(x, v, end - start, dt) for force in self.hurried if automatic]
@@ -259,7 +256,7 @@ class System:
         self.changes.begin(start, self.good.x)
         for force in self.all_forces:
             force.begin_frame(start, end)
-        self._refresh(0.0, (dt or end - start) / self.parts)
+        self.refresh(0.0, (dt or end - start) / self.parts)
         if not within:
             for force in self.hurried:
                 force.survey(self, self.good.x, start)
@@ -281,7 +278,7 @@ class System:
     def write(self, x: np.ndarray, v: np.ndarray) -> None:
         """Set the state, (N, 3) each, and remember it as good."""
         self.good.set(x - self.origin if self.origin.any() else x, v)
-        self._forget()
+        self.forget()
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """The last good state, x and v, (N, 3) each; x in float64 if it is far from the world's origin."""
@@ -292,7 +289,7 @@ class System:
         """Remember the state as good, or go back; see LastGood.keep."""
         bad = self.good.keep()
         if bad is not None:
-            self._forget()
+            self.forget()
         return bad
 
     def energies(self, t: float) -> dict[str, float]:

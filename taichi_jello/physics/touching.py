@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichi_jello.body import Body
+from taichi_jello.physics.contact_law import shares
 from taichi_jello.physics.cores import compact, convex, cores, hearts, thicknesses
-from taichi_jello.physics.forces.skin_contact import shares
 from taichi_jello.physics.samples import edges, samples
 
 FAR = 1e30  # m

@@ -76,7 +76,7 @@ def fallen(simulation: Simulation, start: np.ndarray) -> str:
 def above(simulation: Simulation, start: np.ndarray) -> str:
     """No deeper than all its speed could drive one point in, and coming back."""
     speed = np.linalg.norm(simulation.start.v, axis=1).max()
-    deepest = speed * np.sqrt(simulation.body.mass.max() / simulation.scene.contact.stiffness) + 0.01
+    deepest = speed * np.sqrt(simulation.body.mass.max() / simulation.tuning["contact_stiffness"]) + 0.01
     low = float(simulation.x[:, 1].min())
     return "" if low > -deepest else f"{-low:.2g} m below the ground"
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from taichi_jello.body import Body
 from taichi_jello.physics.colliders import plane, sphere
-from taichi_jello.scene import Contact, Scene
+from taichi_jello.physics.contact_law import AUTO, contact_numbers
+from taichi_jello.scene import Scene
 
 TOLERANCE = 1e-12
 KNOWN = {"springs", "gravity", "drag", "contact", "uniform field"}  # titles of forces
@@ -48,9 +49,10 @@ def touch(row: np.ndarray, ball: bool, x: np.ndarray, t: float) -> tuple[np.ndar
 
 
 def contact_forces(
-    contact: Contact, grip: float, surfaces: list[tuple[np.ndarray, bool]], x: np.ndarray, v: np.ndarray, t: float
+    laws: np.ndarray, surfaces: list[tuple[np.ndarray, bool]], x: np.ndarray, v: np.ndarray, t: float
 ) -> np.ndarray:
-    """(N, 3) penalty spring, dashpot and Coulomb friction [N] at all surfaces (workshop, "Collisions")."""
+    """(N, 3) penalty spring, dashpot and Coulomb friction [N] at all surfaces (workshop, "Collisions"). laws (4, N, 1):
+    stiffness, damping, friction and grip of each particle."""
     total = np.zeros_like(x)
     for row, ball in surfaces:
         n, distance = touch(row, ball, x, t)
@@ -58,12 +60,13 @@ def contact_forces(
         if not len(hit):
             continue
         n, relative = n[hit], v[hit] - row[3:6]
-        speed = np.sum(relative * n, axis=1)
-        pressed = np.maximum(0.0, -contact.stiffness * distance[hit] - contact.damping * speed)
-        slip = relative - speed[:, None] * n
-        limit = contact.friction * pressed
-        rub = limit * grip / np.sqrt(grip**2 * np.sum(slip**2, axis=1) + limit**2 + 1e-300)
-        total[hit] += pressed[:, None] * n - rub[:, None] * slip
+        stiffness, damping, friction, grip = laws[:, hit]
+        speed = np.sum(relative * n, axis=1, keepdims=True)
+        pressed = np.maximum(0.0, -stiffness * distance[hit, None] - damping * speed)
+        slip = relative - speed * n
+        limit = friction * pressed
+        rub = limit * grip / np.sqrt(grip**2 * np.sum(slip**2, axis=1, keepdims=True) + limit**2 + 1e-300)
+        total[hit] += pressed * n - rub * slip
     return total
 
 
@@ -74,7 +77,11 @@ class Reference:
     def __init__(self, scene: Scene, body: Body):
         self.scene, self.body = scene, body
         self.weight = np.where(body.pinned, 0.0, 1.0 / body.mass)[:, None]
-        self.grip = np.sqrt(scene.contact.stiffness * body.mass.min())
+        stiffness, damping = contact_numbers(scene, body)[body.jello].T
+        lightest = np.array([body.mass[body.jello == j].min() for j in range(len(scene.jello))])[body.jello]
+        mass = lightest if scene.contact.stiffness == AUTO else body.mass.min()
+        friction = np.full(len(body), scene.contact.friction)
+        self.laws = np.stack([stiffness, damping, friction, np.sqrt(stiffness * mass)])[..., None]
         self.ends = incidence(body)
         self.constant = body.mass[:, None] * np.array(scene.gravity)
         self.constant = self.constant + sum(
@@ -102,8 +109,8 @@ class Reference:
         force = (
             spring_forces(self.body, x, v, self.ends) + self.constant - self.scene.drag * self.body.mass[:, None] * v
         )
-        if self.surfaces and self.scene.contact.stiffness > 0.0:
-            force += contact_forces(self.scene.contact, self.grip, self.surfaces, x, v, t)
+        if self.surfaces and self.scene.contact.stiffness != 0.0:
+            force += contact_forces(self.laws, self.surfaces, x, v, t)
         return force * self.weight
 
     def solve(self, x: np.ndarray, v: np.ndarray, seconds: float, frame_dt: float) -> tuple[np.ndarray, np.ndarray]:

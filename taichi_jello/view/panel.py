@@ -75,7 +75,8 @@ class Panel:
         return float(np.clip(new, low, high))
 
     def _tuning(self, gui: Any, viewer: Viewer) -> None:
-        tuning, contact = viewer.simulation.tuning, viewer.simulation.scene.contact.stiffness or 2000.0
+        tuning = viewer.simulation.tuning
+        contact = viewer.simulation.first_tuning.get("contact_stiffness") or 2000.0
         changed: dict[str, Any] = {}
         for key, name, low, high in (
             ("stiffness", "stiffness x", 0.1, 10.0),

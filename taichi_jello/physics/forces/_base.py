@@ -99,6 +99,8 @@ class ParticleForce:
     beyond which a step is taken in parts. `survey(system, x, start)` lets it look the state over as a frame begins, at
     `start` [s]; `remembered()` tells what a snapshot must hold of that, `recall(memory, start)` goes back to it.
 
+    `acts`: False while it does nothing, as a hand that is open.
+
     A force is `mutual` if what it does to some particles it does to others the other way.
 
     With a `sweep` (see physics/sweep.py) every step ends with a look whether it went through something; with a `brake`
@@ -122,6 +124,7 @@ class ParticleForce:
     couples: bool = False
     generation: int = 0
     mutual: bool = False
+    acts: bool = True
     hurries: bool = False
     fresh: bool = True
     sweep: Any = None

@@ -1,15 +1,15 @@
 """Penalty contact of particles with colliders: spring, dashpot and Coulomb friction (workshop, "Collisions")."""
 
 from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from math import hypot
 from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_jello.law import loose
+from taichi_jello.physics.contact_law import ContactLaw
 from taichi_jello.physics.forces._base import ParticleForce, Rates, block, even_block
-from taichi_jello.physics.state import Memory
 from taichi_jello.physics.sweep import Sweep
 
 FEW = 3  # surfaces up to which a look at each is as quick as asking first whether any is near
@@ -30,29 +30,6 @@ def rub(pressed, u, friction, grip):
     return -limit * grip / ti.sqrt(grip * grip * u.dot(u) + limit * limit + 1e-30) * u
 
 
-class ContactLaw:
-    """What every contact of a scene goes by, live: `law` holds stiffness, damping, friction and grip. A force with it
-    defines `grip`, the viscous part of friction [N·s/m]."""
-
-    contact: Any
-    grip: float
-
-    def _set_law(self, contact: Any, memory: Memory, title: str) -> None:
-        self.contact, self.rubs, self._number = contact, contact.friction > 0.0, memory.number
-        self.law = memory.table(title, "law", np.array([self._law()]))
-
-    def _law(self) -> tuple[float, ...]:
-        return self.contact.stiffness, self.contact.damping, self.contact.friction, self.grip
-
-    def tuning(self) -> dict[str, Any]:
-        numbers = {"contact_stiffness": self.contact.stiffness, "contact_damping": self.contact.damping}
-        return numbers | ({"friction": self.contact.friction} if self.rubs else {})
-
-    def tune(self, name: str, value: Any) -> None:
-        self.contact = replace(self.contact, **{name.removeprefix("contact_"): float(value)})
-        self.law.from_numpy(np.array([self._law()], self._number))
-
-
 @dataclass(frozen=True)
 class Group:
     """Rows `start` to `stop` of the surfaces share one signed distance, and where they are solids a core."""
@@ -68,7 +45,7 @@ class Group:
 
 
 @ti.data_oriented
-class PenaltyContact(ContactLaw, ParticleForce):
+class PenaltyContact(ParticleForce):
     title = "contact"
     energy_kind = "contact"
     reads_velocity = True
@@ -77,7 +54,6 @@ class PenaltyContact(ContactLaw, ParticleForce):
 
     def __init__(self, scene, particles):
         self.particles, self.colliders = particles, self._sorted(scene.collider)
-        self.inverse_mass = 1.0 / float(particles.body.mass.min())
         self.lanes, self.Lanes = particles.memory.lanes, particles.memory.lane_vector
         counts = [len(c.rows(0.0, 1.0)) for c in self.colliders]
         ends = np.cumsum(counts)
@@ -89,7 +65,8 @@ class PenaltyContact(ContactLaw, ParticleForce):
             else:
                 groups.append(Group(collider.signed_distance, collider.core_entry, int(end - count), int(end)))
         self.groups = tuple(groups)
-        self._set_law(scene.contact, particles.memory, self.title)
+        self.law = ContactLaw(scene, particles.body, particles.memory, self.title)
+        self.rubs = self.law.rubs
         self.rows = particles.memory.table(self.title, "surfaces", self._rows(0.0, scene.solver.frame_dt))
         self.moving = (
             any(c.keyframe for c in self.colliders)
@@ -121,10 +98,11 @@ class PenaltyContact(ContactLaw, ParticleForce):
             made.masked, made.bare = True, particles.memory.table(cls.title, "bare", bare)
         return [made]
 
-    @property
-    def grip(self):
-        """The viscous part of friction [N·s/m], which may be as stiff as the contact spring is: see rates()."""
-        return sqrt(self.contact.stiffness * float(self.particles.body.mass.min()))
+    def tuning(self):
+        return self.law.tuning()
+
+    def tune(self, name, value):
+        self.law.tune(name, value)
 
     @staticmethod
     def _sorted(colliders):
@@ -150,9 +128,9 @@ class PenaltyContact(ContactLaw, ParticleForce):
         return distance(p - place, ti.Vector([row[6], row[7], row[8], row[9]]))
 
     @ti.func
-    def push(self, p, u, t, share):
+    def push(self, law, p, u, t, share):
         """The force [N] on a point at p that moves at u and stands for `share` of a particle of the surface."""
-        force, law = ti.Vector([0.0, 0.0, 0.0]), self.law[0]
+        force = ti.Vector([0.0, 0.0, 0.0])
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
                 touch = self.touch(group.signed_distance, r, p, t)
@@ -174,9 +152,9 @@ class PenaltyContact(ContactLaw, ParticleForce):
         force = ti.Vector([0.0, 0.0, 0.0])
         if ti.static(self.masked):
             if self.bare[i]:
-                force = self.push(x[i], v[i], t, 1.0)
+                force = self.push(self.law.of(i), x[i], v[i], t, 1.0)
         else:
-            force = self.push(x[i], v[i], t, 1.0)
+            force = self.push(self.law.of(i), x[i], v[i], t, 1.0)
         return force
 
     @ti.func
@@ -196,10 +174,10 @@ class PenaltyContact(ContactLaw, ParticleForce):
                     f[i] = f[i] + self.on(i, x, v, t)
 
     @ti.func
-    def stiffening(self, p, u, t, c, share):
+    def stiffening(self, law, p, u, t, c, share):
         """How such a point stiffens a step of length c [s]: (k + damping/c) nnᵀ while pressed, and across n the slope
         of friction with the speed, at the pressure now."""
-        total, law = even_block(ti.cast(0.0, float)), self.law[0]
+        total = even_block(ti.cast(0.0, float))
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
                 touch = self.touch(group.signed_distance, r, p, t)
@@ -222,26 +200,26 @@ class PenaltyContact(ContactLaw, ParticleForce):
         total = even_block(ti.cast(0.0, float))
         if ti.static(self.masked):
             if self.bare[i]:
-                total = self.stiffening(x[i], v[i], t, c, 1.0)
+                total = self.stiffening(self.law.of(i), x[i], v[i], t, c, 1.0)
         else:
-            total = self.stiffening(x[i], v[i], t, c, 1.0)
+            total = self.stiffening(self.law.of(i), x[i], v[i], t, c, 1.0)
         return total
 
     @ti.func
-    def pressed_energy(self, p, t):
+    def pressed_energy(self, law, p, t):
         """½ k depth² [J] of a point at p."""
         total = ti.cast(0.0, float)
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
                 depth = ti.max(0.0, -self.touch(group.signed_distance, r, p, t)[3])
-                total += 0.5 * self.law[0][0] * depth * depth
+                total += 0.5 * law[0] * depth * depth
         return total
 
     @ti.func
-    def losses(self, p, u, t, share):
+    def losses(self, law, p, u, t, share):
         """The power [W] of dashpots, of friction and of the surfaces' own motion at a point, as in `push`: (p - kδ)s,
         rub · w and (p n + rub) · V for a pressure p, speeds s out of the surface and w across, and V the surface's."""
-        total, law = ti.Vector([0.0, 0.0, 0.0]), self.law[0]
+        total = ti.Vector([0.0, 0.0, 0.0])
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
                 touch = self.touch(group.signed_distance, r, p, t)
@@ -262,14 +240,14 @@ class PenaltyContact(ContactLaw, ParticleForce):
 
     @ti.func
     def powers(self, i, x, v, t):
-        total = self.losses(x[i], v[i], t, 1.0)
+        total = self.losses(self.law.of(i), x[i], v[i], t, 1.0)
         if ti.static(self.masked):
             total *= self.bare[i]
         return total
 
     @ti.func
     def energy(self, i, x, t):
-        total = self.pressed_energy(x[i], t)
+        total = self.pressed_energy(self.law.of(i), x[i], t)
         if ti.static(self.masked):
             total *= self.bare[i]
         return total
@@ -277,14 +255,18 @@ class PenaltyContact(ContactLaw, ParticleForce):
     def rates(self):
         """Friction's force follows the depth too, which turns k into k√(1 + μ²); its viscous part counts as damping
         across the normal, where the dashpot does not act."""
-        together = self._most_at_once()
-        k, c = self.contact.stiffness, self.contact.damping
-        sideways = self.grip if self.contact.friction > 0.0 else 0.0
+        together, law = self._most_at_once(), self.law
+        sideways = law.grip if law.rubs else np.zeros_like(law.damping)
         return Rates(
-            squared_frequency=together * k * hypot(1.0, self.contact.friction) * self.inverse_mass,
-            damping=together * max(c, sideways) * self.inverse_mass,
-            damping_time=c / k if k > 0.0 else np.inf,
+            squared_frequency=together * hypot(1.0, law.friction) * self.steepest(law.stiffness),
+            damping=together * self.steepest(np.maximum(law.damping, sideways)),
+            damping_time=law.damping_time,
         )
+
+    def steepest(self, each):
+        """The most that springs (J,) [N/m] at the particles of each jello can be over mass [1/s²]."""
+        body = self.particles.body
+        return float((each[body.jello] / body.mass).max())
 
     def _most_at_once(self):
         """How many colliders can press one particle along one direction at once. The planes of one room are square

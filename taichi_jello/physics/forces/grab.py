@@ -107,6 +107,10 @@ class Hand(ParticleForce):
     def holds(self) -> bool:
         return len(self.particles) > 0
 
+    @property
+    def acts(self):
+        return self.holds
+
     def take(self, particles, weights, target):
         """Hold Σ weights x of the given particles from the next frame on."""
         self.particles, self.weights = np.array(particles, np.int32), np.array(weights, float)

@@ -3,20 +3,9 @@
 import numpy as np
 import taichi as ti
 
+from taichi_jello.physics.contact_law import shares
 from taichi_jello.physics.forces._base import even_block
 from taichi_jello.physics.forces.contact import PenaltyContact
-
-
-def shares(body):
-    """(V,) how much of a particle of the lattice's surface each point of the embedded skins stands for: its part of
-    the skin's area (a third of the triangles around it) over a side of its cell. The springs at all points near a
-    particle are then together about as stiff as one at the particle would be, however fine the skin is."""
-    rest = body.skin_points(body.rest)
-    a, b, c = (rest[body.skin[:, k]] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.0
-    area = np.bincount(body.skin.ravel(), np.repeat(area, 3), len(rest))
-    corner = body.rest[body.skin_corners[:, [0, 4, 2, 1]]]
-    return area / np.abs(np.linalg.det(corner[:, 1:] - corner[:, :1])) ** (2.0 / 3.0)
 
 
 def steepest(mass, corners, weights, share):
@@ -43,8 +32,7 @@ class SkinContact(PenaltyContact):
         cells, cell = np.unique(body.skin_corners, axis=0, return_inverse=True)
         cell = cell.ravel()
         order, self.points = np.argsort(cell, kind="stable"), len(cells)
-        share = shares(body)
-        self.inverse_mass = steepest(body.mass, body.skin_corners, body.skin_weights, share)
+        self.share = share = shares(body)
         place = body.skin_weights @ np.array([[k >> 2, k >> 1 & 1, k & 1] for k in range(8)])
         by_particle = np.argsort(cells.ravel(), kind="stable")
         tables = {
@@ -61,8 +49,13 @@ class SkinContact(PenaltyContact):
 
     @classmethod
     def made_for(cls, scene, particles):
-        wanted = scene.collider and scene.contact.stiffness > 0.0 and len(particles.body.skin_corners)
+        wanted = scene.collider and scene.contact.stiffness != 0.0 and len(particles.body.skin_corners)
         return [cls(scene, particles)] if wanted else []
+
+    def steepest(self, each):
+        body = self.particles.body
+        share = self.share * each[body.jello[body.skin_corners[:, 0]]]
+        return steepest(body.mass, body.skin_corners, body.skin_weights, share)
 
     @staticmethod
     def _swept(body):
@@ -107,7 +100,7 @@ class SkinContact(PenaltyContact):
                     for k in ti.static(range(8)):
                         p += self.weight(k, at) * x[corners[k]]
                         u += self.weight(k, at) * v[corners[k]]
-                    force = self.push(p, u, t, at[3])
+                    force = self.push(self.law.of(corners[0]), p, u, t, at[3])
                     for k in ti.static(range(8)):
                         for axis in ti.static(range(3)):
                             sums[k, axis] += self.weight(k, at) * force[axis]
@@ -138,7 +131,7 @@ class SkinContact(PenaltyContact):
                         p += w * x[corners[k]]
                         u += w * v[corners[k]]
                         share += w * (own == k)
-                    total += share * self.stiffening(p, u, t, c, at[3])
+                    total += share * self.stiffening(self.law.of(i), p, u, t, c, at[3])
         return total
 
     @ti.func
@@ -153,7 +146,7 @@ class SkinContact(PenaltyContact):
                     at, p = self.skin[q], ti.Vector([0.0, 0.0, 0.0])
                     for k in ti.static(range(8)):
                         p += self.weight(k, at) * x[corners[k]]
-                    total += at[3] * self.pressed_energy(p, t)
+                    total += at[3] * self.pressed_energy(self.law.of(i), p, t)
         return total
 
     @ti.func
@@ -169,5 +162,5 @@ class SkinContact(PenaltyContact):
                     for k in ti.static(range(8)):
                         p += self.weight(k, at) * x[corners[k]]
                         u += self.weight(k, at) * v[corners[k]]
-                    total += self.losses(p, u, t, at[3])
+                    total += self.losses(self.law.of(i), p, u, t, at[3])
         return total

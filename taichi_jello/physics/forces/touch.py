@@ -8,16 +8,17 @@ near the middle of what it touches, its core, meets a dashpot there that is as h
 it goes on: it takes energy out and gives none back.
 """
 
-from math import hypot, sqrt
+from math import hypot
 
 import numpy as np
 import taichi as ti
 
 from taichi_jello.law import loose
 from taichi_jello.physics.approach import Approach
+from taichi_jello.physics.contact_law import ContactLaw
 from taichi_jello.physics.contacts import Contacts
 from taichi_jello.physics.forces._base import ParticleForce, Rates, block, cut, even_block
-from taichi_jello.physics.forces.contact import ContactLaw, pressure, rub
+from taichi_jello.physics.forces.contact import pressure, rub
 from taichi_jello.physics.forces.skin_contact import steepest
 from taichi_jello.physics.loads import LOAD
 from taichi_jello.physics.touching import AT_ONCE
@@ -29,7 +30,7 @@ BLIND = ("vulkan", "metal")  # compiled for them, the search makes lists that st
 
 
 @ti.data_oriented
-class Touch(ContactLaw, ParticleForce):
+class Touch(ParticleForce):
     title = "touch"
     energy_kind = "contact"
     reads_velocity = True
@@ -40,12 +41,13 @@ class Touch(ContactLaw, ParticleForce):
         body, memory = particles.body, particles.memory
         self.particles, self.frame_dt = particles, scene.solver.frame_dt
         tears = any(jello.tear_strain for jello in scene.jello)
-        self._set_law(scene.contact, memory, self.title)
+        # With this grip all contacts of a point damp as much as one with a collider.
+        self.law = ContactLaw(scene, body, memory, self.title, grip_part=0.5 / LOAD)
+        self.rubs = self.law.rubs
         self.contacts = Contacts(self.title, body, memory, scene.contact.touch, itself, loose(scene), tears, self.law)
         self.brake = self.contacts.brake
         self.near, self.points, self.rounds = self.contacts.near, self.contacts.points, self.contacts.rounds
         touching = self.near.touching
-        self.inverse_mass = self._steepest(body, touching)
         if self.near.skinned:
             for name, values in zip(("first", "around", "in_it"), touching.rows, strict=True):
                 setattr(self, name, memory.table(self.title, f"points of each particle: {name}", values))
@@ -68,18 +70,20 @@ class Touch(ContactLaw, ParticleForce):
             )
         return [cls(scene, particles, itself)]
 
-    @property
-    def grip(self):
-        """The viscous part of friction [N·s/m]: with it all contacts of a point damp as much as one with a collider."""
-        return sqrt(self.contact.stiffness * float(self.particles.body.mass.min())) / (2.0 * LOAD)
+    def tuning(self):
+        return self.law.tuning()
 
-    @staticmethod
-    def _steepest(body, touching):
-        """How stiff unit springs at all points can be, over mass [1/kg]; see steepest."""
+    def tune(self, name, value):
+        self.law.tune(name, value)
+
+    def steepest(self, each):
+        """How stiff springs (J,) [N/m] at all points of each jello can be, over mass [1/s²]; see steepest."""
+        body, touching = self.particles.body, self.near.touching
         particles = touching.points[: touching.bare]
-        bare, others = 1.0 / float(body.mass[particles].min(initial=np.inf)), 0.0
+        bare, others = float((each[body.jello] / body.mass)[particles].max(initial=0.0)), 0.0
         if len(touching.corners):
-            others = steepest(body.mass, touching.corners, touching.weights, touching.share[touching.bare :])
+            share = touching.share[touching.bare :] * each[body.jello[touching.corners[:, 0]]]
+            others = steepest(body.mass, touching.corners, touching.weights, share)
         both = body.embedded[particles].any() or touching.skin < len(touching.points)
         return bare + others if both else max(bare, others)
 
@@ -87,12 +91,12 @@ class Touch(ContactLaw, ParticleForce):
         """Row i of M⁻¹K sums to at most 2/m k Σ|g|, g its weight in each contact, and no load Σ|g| counts for more
         than LOAD, that of a skin's point for its share of it; the same holds for the dashpots. Friction as in contact
         with colliders."""
-        k, c = self.contact.stiffness, self.contact.damping
-        most = 2.0 * LOAD * self.inverse_mass
+        law, most = self.law, 2.0 * LOAD
+        sideways = law.grip if law.rubs else np.zeros_like(law.damping)
         return Rates(
-            squared_frequency=most * k * hypot(1.0, self.contact.friction),
-            damping=most * max(c, self.grip if self.rubs else 0.0),
-            damping_time=c / k if k > 0.0 else np.inf,
+            squared_frequency=most * hypot(1.0, law.friction) * self.steepest(law.stiffness),
+            damping=most * self.steepest(np.maximum(law.damping, sideways)),
+            damping_time=law.damping_time,
         )
 
     @ti.func
@@ -147,7 +151,7 @@ class Touch(ContactLaw, ParticleForce):
         """The force [N] of a contact on its point."""
         n, depth, force = self.contacts.normal[contact], self.contacts.depth(contact, x), ti.Vector([0.0, 0.0, 0.0])
         if depth > 0.0:
-            counts, law = self.contacts.part(contact // AT_ONCE) * self.contacts.share[contact], self.law[0]
+            counts, law = self.contacts.part(contact // AT_ONCE) * self.contacts.share[contact], self.contacts.law_of(contact)
             slide = self.contacts.between(contact, v)
             outwards = slide.dot(n)
             damping = law[1] + self.stopping(contact, depth, outwards)
@@ -184,9 +188,10 @@ class Touch(ContactLaw, ParticleForce):
     def resists(self, q, c):
         """The weights of a contact, without their signs, sum to 2: twice |g| times its block bounds what ties this
         point to the others. It stiffens along its force; across, friction at its stickiest."""
-        total, law = even_block(ti.cast(0.0, float)), self.law[0]
+        total = even_block(ti.cast(0.0, float))
         for k in range(self.contacts.rounds_of(q)):
             contact, g = self.contacts.pressing(q, k)
+            law = self.contacts.law_of(contact)
             pull = self.force[contact].norm()
             if g != 0.0 and pull > 0.0:
                 across = ti.cast(0.0, float)
@@ -216,7 +221,8 @@ class Touch(ContactLaw, ParticleForce):
         total = ti.cast(0.0, float)
         for contact in range(q * AT_ONCE, q * AT_ONCE + self.contacts.own[q]):
             depth = ti.max(0.0, self.contacts.depth(contact, x))
-            total += 0.5 * self.contacts.part(q) * self.law[0][0] * self.contacts.share[contact] * depth * depth
+            stiffness = self.contacts.part(q) * self.contacts.law_of(contact)[0] * self.contacts.share[contact]
+            total += 0.5 * stiffness * depth * depth
         return total
 
     @ti.func
@@ -235,11 +241,12 @@ class Touch(ContactLaw, ParticleForce):
     def lost(self, q, x, v):
         """The power [W] of dashpots and of friction in the contacts of a point, as in `press`: (p - kδ)s and rub · w
         for a pressure p and speeds s apart and w across."""
-        total, law = ti.Vector([0.0, 0.0]), self.law[0]
+        total = ti.Vector([0.0, 0.0])
         for contact in range(q * AT_ONCE, q * AT_ONCE + self.contacts.own[q]):
             n, depth = self.contacts.normal[contact], self.contacts.depth(contact, x)
             if depth > 0.0:
                 counts, slide = self.contacts.part(q) * self.contacts.share[contact], self.contacts.between(contact, v)
+                law = self.contacts.law_of(contact)
                 outwards = slide.dot(n)
                 damping = law[1] + self.stopping(contact, depth, outwards)
                 pressed = pressure(depth, outwards, counts * law[0], counts * damping)

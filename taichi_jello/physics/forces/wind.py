@@ -55,6 +55,10 @@ class WindForce(ParticleForce):
         """The rate [1/s], zero while it is calm."""
         return self.rate if any(self.velocity) else 0.0
 
+    @property
+    def acts(self):
+        return any(self.velocity)
+
     def tuning(self):
         return {"wind": self.velocity}
 

@@ -7,6 +7,7 @@ import numpy as np
 from taichi_jello.body import Body
 from taichi_jello.physics.bounds import Bound, largest_dt
 from taichi_jello.physics.state import Memory, State
+from taichi_jello.physics.stepper import Stepper
 
 
 class Integrator:
@@ -35,6 +36,7 @@ class Integrator:
     has_begin: bool = False
     solves: bool = False
     long_steps: bool = False  # they may be longer than what swings takes
+    fixed_step: bool = True  # it takes the step that it is told
     loads: bool = True  # what forces hold is heavier by the mass that they add
     automatic: ClassVar[str] = ""
     solver: Any
@@ -47,6 +49,10 @@ class Integrator:
         """Allocate what the scheme keeps between stages of stepping `state`, the particles of `body`; `damped`: forces
         read velocities."""
         raise TypeError(f"{type(self).__name__} must define __init__()")
+
+    def make_stepper(self, system: Any) -> Any:
+        """What takes its steps."""
+        return Stepper(system, self)
 
     def meet(self, forces: tuple[Any, ...]) -> None:
         """Allocate what depends on the forces of the scene."""

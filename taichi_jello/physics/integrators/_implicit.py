@@ -104,6 +104,8 @@ class Implicit(Integrator):
 
     def prepare(self, system, dt):
         generations = [force.generation for force in system.all_forces]
+        if not self.prepared or generations != self.generations:
+            self.solver.inner_solver.forget()
         if not self.prepared or dt != self.last_dt or generations != self.generations:
             self.solver.prepare(system, self.share * dt)
         self.last_dt, self.prepared, self.generations = dt, True, generations

@@ -106,6 +106,9 @@ class Blocks:
     def prepare(self, system, c):
         """Nothing here is constant."""
 
+    def forget(self):
+        """The forces have changed."""
+
     @ti.func
     def factor(self, system, i, B):
         """B = L diag(d) Lᵀ, as 1/d and what L has below its diagonal of ones. A pivot smaller than the rounding of what
@@ -165,6 +168,7 @@ class TwoLevel(Blocks):
             "right": np.zeros((padded, 3)),
             "left": np.zeros((padded, 3)),
         }
+        self.diagonal = None
         if self.by_blocks:
             self.factors = memory.vectors("solve", "factors", 2)
         else:
@@ -175,29 +179,46 @@ class TwoLevel(Blocks):
         # The first and one past the last node that those of a pass are tied to, by whatever many springs.
         self.tied = memory.table("solve", "coarse tied", np.zeros((self.passes, 2), np.int32))
         self.Lanes = ti.types.vector(VECTORS, ti.f32 if memory.number is np.float32 else ti.f64)
+        self.forget()
+
+    def forget(self):
+        self.parts, self.prepared = None, {}
 
     def prepare(self, system, c):
-        body, n = self.body, len(self.body)
-        (i, j), weight = ties(system, c)
-        if not self.by_blocks:
-            diagonal = body.mass / c**2 + np.bincount(i, weight, n) + np.bincount(j, weight, n)
-            found = np.where(body.pinned, 0.0, 1.0 / diagonal)
-            self.diagonal.from_numpy(np.pad(found, (0, self.memory.padded - n)).astype(self.memory.number))
+        if self.parts is None:
+            self.parts = self.constant_parts(system)
+        if c not in self.prepared:
+            self.prepared[c] = self.tables_for(c)
+        for field, values in zip((self.diagonal, self.inverse, self.tied), self.prepared[c], strict=True):
+            if field is not None:
+                field.from_numpy(values)
+
+    def constant_parts(self, system):
+        """What A is made of, A = M/c² + K + C/c: of each the diagonal (N,) and the coarse matrix PᵀAP."""
+        stiff, all_ties = ties(system, np.inf), ties(system, 1.0)
+        mass = products(self.count, self.nodes, self.weights, self.body.mass)
+        made = [(self.body.mass, mass)]
+        for (i, j), weight in (stiff, (all_ties[0], all_ties[1] - stiff[1])):
+            ends = np.hstack([self.nodes[i], self.nodes[j]]), np.hstack([self.weights[i], -self.weights[j]])
+            degree = sum(np.bincount(end, weight, len(self.body)) for end in (i, j))
+            made.append((degree, products(self.count, *ends, weight)))
+        return made
+
+    def tables_for(self, c):
+        """1 over the diagonal of A; the inverse of its coarse matrix, as stiff as its stiffest what moves no particle;
+        and which nodes those of each pass are tied to."""
+        diagonal, coarse = (
+            sum(part[k] * power for part, power in zip(self.parts, (c**-2.0, 1.0, 1.0 / c), strict=True)) for k in (0, 1)
+        )
+        found = np.pad(np.where(self.body.pinned, 0.0, 1.0 / diagonal), (0, self.memory.padded - len(self.body)))
+        inverse = np.linalg.inv(coarse + (np.diag(coarse).max() or 1.0) * self.unmoving)
         padded = np.zeros(self.inverse.shape, self.memory.number)
-        padded[: self.count, : self.count] = inverse = np.linalg.inv(self.coarse_matrix(c, i, j, weight))
-        self.inverse.from_numpy(padded)
+        padded[: self.count, : self.count] = inverse
         tied = np.zeros(self.tied.shape + (2,), np.int32)
         for pass_ in range(self.passes):
             others = np.flatnonzero(inverse[pass_ * VECTORS : (pass_ + 1) * VECTORS].any(0))
             tied[pass_] = others[0], others[-1] + 1
-        self.tied.from_numpy(tied)
-
-    def coarse_matrix(self, c, i, j, weight):
-        """Pᵀ(M/c²)P + Σ weight (P_i - P_j)ᵀ(P_i - P_j), and as stiff as its stiffest what moves no particle."""
-        ends = np.hstack([self.nodes[i], self.nodes[j]]), np.hstack([self.weights[i], -self.weights[j]])
-        total = products(self.count, self.nodes, self.weights, self.body.mass / c**2)
-        total += products(self.count, *ends, weight)
-        return total + (np.diag(total).max() or 1.0) * self.unmoving
+        return found.astype(self.memory.number), padded, tied
 
     @ti.func
     def own(self, i, u):

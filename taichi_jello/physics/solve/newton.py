@@ -122,7 +122,7 @@ class Newton:
             way, self.d[i] = self.rigid.way(i, self.at.x, self.p, self.registers[PART])
             self.at.v[i] = self.base[i] + way / c
             self.at.x[i] = self.z[i] + c * self.at.v[i]
-        system.accelerations(first, last, self.at.x, self.at.v, self.registers[TIME], self.a)
+        system.accelerations(first, last, self.at.x, self.at.v, self.registers[TIME], self.a, True)
         for i in range(first, last):
             r = system.inertia(i) * ((self.w[i] - self.at.v[i]) / c + self.a[i])
             self.r[i] = r * (system.particles.inverse_mass(i) * system.particles.mass(i))  # none on a pinned one
@@ -248,7 +248,8 @@ class Newton:
                 little = self.registers[SLOPE] <= self.registers[ACCURACY] ** 2 * self.registers[GAIN]
                 near = moved <= self.registers[TOLERANCE]
                 ends = moved <= self.registers[STILL] or (near and little) or self.in_vain()
-                self.mode[0] = DONE if ends else EVALUATE
+                # The first step is gone however short: a fall gains little in a short one, and must gain it.
+                self.mode[0] = DONE if ends and self.counts[ROUNDS] > 1 else EVALUATE
         self.registers[RHO] = rho
 
     @ti.func

@@ -1,0 +1,115 @@
+"""Jellos that touch nothing: as wholes they move as free bodies do, exactly; a step is only for how they deform.
+
+An implicit step slows down whatever turns, the more the farther it turns in one. So the motion of a free jello as a
+whole is taken out of its velocities before the step, and the jello is moved on by it afterwards: with its momentum and
+angular momentum kept to rounding, falling as g t²/2 says. In the frame that moves with it there are the centrifugal and
+the Coriolis force, which the step begins with as a push that has no momentum.
+"""
+
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.physics.forces.gravity import Gravity
+from taichi_jello.physics.rigid_motion import Motion, RigidMotion, turned
+
+LOOKS = 8  # at places on its way, at most, whether it touches something there
+HALF = 0.5  # of what is thinnest, and of a radian, from one of these places to the next
+MARGIN = 0.01  # of its size, by which a jello keeps away from others
+
+
+@ti.data_oriented
+class FreeFlight:
+    """free (J,): the jellos that are not pinned."""
+
+    def __init__(self, system: Any, body: Any, whole: RigidMotion):
+        self.system, self.whole, self.owner = system, whole, body.jello
+        self.count, self.number = system.count, system.memory.number
+        self.free = np.bincount(body.jello, body.pinned) == 0.0
+        contacts = [force for force in system.all_forces if force.energy_kind == "contact"]
+        self.with_colliders = tuple(force for force in contacts if not force.mutual)
+        self.fall = next((force for force in system.all_forces if isinstance(force, Gravity)), None)
+        self.mutual = [force for force in contacts if force.mutual]
+        known = [*contacts, self.fall]
+        self.others = [force for force in system.all_forces if not force.couples and force not in known]
+        self.thinnest = min((c.thickness for force in self.with_colliders for c in force.colliders), default=np.inf)
+
+    def gravity(self) -> np.ndarray:
+        """(3,) [m/s²]."""
+        return np.zeros(3) if self.fall is None else np.array(self.fall.acceleration)
+
+    def may_fly(self, x: np.ndarray, v: np.ndarray, whole: Motion, t: float, length: float) -> np.ndarray:
+        """(J,) which jellos touch nothing at `t` [s] after the frame began, and come near to no other jello within
+        `length` [s]. None where other forces act than gravity."""
+        if any(force.acts for force in self.others):
+            return np.zeros_like(self.free)
+        looks = length * np.maximum(self.whole.speed(whole) / (HALF * self.thinnest), self._spin(whole) / HALF)
+        flies = self.free & (looks <= LOOKS) & ~self.presses(t)
+        return flies & self._apart(x, v, length) if self.mutual else flies
+
+    def _spin(self, whole: Motion) -> np.ndarray:
+        return np.linalg.norm(whole.spin, axis=1)
+
+    def _apart(self, x: np.ndarray, v: np.ndarray, length: float) -> np.ndarray:
+        """(J,) which jellos' boxes, with the straight ways of their particles, meet no other one's."""
+        there, keeps = x + length * v, self.mutual[0].near.touching.radius + MARGIN * self.mutual[0].near.touching.spacing
+        first = self.whole.first
+        low = np.minimum.reduceat(np.minimum(x, there), first) - keeps[:, None]
+        high = np.maximum.reduceat(np.maximum(x, there), first) + keeps[:, None]
+        meet = np.all((low <= high[:, None]) & (low[:, None] <= high), axis=2)
+        np.fill_diagonal(meet, self.mutual[0].near.itself)
+        return ~meet.any(1)
+
+    def presses(self, t: float) -> np.ndarray:
+        """(J,) which jellos a collider presses on where they are, `t` [s] after the frame began."""
+        if not self.with_colliders:
+            return np.zeros_like(self.free)
+        energy = np.zeros(self.count, self.number)
+        self._pressed(t, energy)
+        return np.add.reduceat(energy, self.whole.first) > 0.0
+
+    @ti.kernel
+    def _pressed(self, t: float, energy: ti.types.ndarray()):
+        for i in range(self.count):
+            for force in ti.static(self.with_colliders):
+                energy[i] += force.energy(i, self.system.state.x, t)
+
+    def at_rest(self, x: np.ndarray, v: np.ndarray, whole: Motion, flies: np.ndarray, length: float) -> np.ndarray:
+        """(N, 3) v without how the jellos that fly move as wholes, and with the push of the forces that there are in
+        the frame which turns with them, -ω × (ω × ρ) - 2 ω × u."""
+        spin, arm = whole.spin[self.owner], x - whole.centre[self.owner]
+        u = v - self.whole.field(whole, x)
+        u -= length * (np.cross(spin, np.cross(spin, arm)) + 2.0 * np.cross(spin, u))
+        u -= self.whole.field(self.whole.of(x, u), x)
+        return np.where(flies[self.owner, None], u, v)
+
+    def moved_on(self, found: Any, whole: Motion, flies: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
+        """x and v, (N, 3) each, of what a step without that motion has found, with it."""
+        x, turns = self._place(found, whole, flies, length)
+        u = np.einsum("nij,nj->ni", turns, found.v - self.whole.field(found.whole, found.x))
+        new = self.whole.of(x, u)
+        spin = np.linalg.solve(new.inertia, whole.momentum[..., None])[..., 0]
+        velocity = whole.velocity + length * self.gravity()
+        v = u + velocity[self.owner] + np.cross(spin[self.owner], x - new.centre[self.owner])
+        return np.where(flies[self.owner, None], x, found.x), np.where(flies[self.owner, None], v, found.v)
+
+    def _place(self, found: Any, whole: Motion, flies: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Where the particles are after `time` [s], and how they have turned, (N, 3, 3)."""
+        turns = turned(whole, time)[self.owner]
+        centre = whole.centre + time * (whole.velocity + 0.5 * time * self.gravity())
+        arm = found.x - found.whole.centre[self.owner]
+        x = centre[self.owner] + np.einsum("nij,nj->ni", turns, arm)
+        return np.where(flies[self.owner, None], x, found.x), turns
+
+    def meets(self, write: Any, found: Any, whole: Motion, flies: np.ndarray, t: float, length: float) -> bool:
+        """Whether one that flies comes to touch a collider on its way from `t` [s] on."""
+        if not self.with_colliders:
+            return False
+        ways = length * np.maximum(self.whole.speed(whole) / (HALF * self.thinnest), self._spin(whole) / HALF)
+        looks = max(1, int(np.ceil(ways[flies].max())))
+        for part in np.arange(1, looks + 1) / looks:
+            write(self._place(found, whole, flies, part * length)[0], found.v)
+            if (self.presses(t + part * length) & flies).any():
+                return True
+        return False

@@ -1,0 +1,75 @@
+"""How each jello moves as a whole: its centre, velocity, spin and inertia, and the motion of a free one (NumPy only)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from taichi_jello.body import Body
+
+LEAST = 1e-9  # of a jello's inertia: what a rope has about itself
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Of J jellos: centre [m], velocity [m/s], spin [rad/s], momentum about the centre [kg m²/s], (J, 3) each;
+    inertia (J, 3, 3) [kg m²]."""
+
+    centre: np.ndarray
+    velocity: np.ndarray
+    spin: np.ndarray
+    momentum: np.ndarray
+    inertia: np.ndarray
+
+
+class RigidMotion:
+    """Sums over the particles of each jello, in float64."""
+
+    def __init__(self, body: Body):
+        self.owner = body.jello
+        self.first = np.searchsorted(body.jello, np.arange(int(body.jello[-1]) + 1))
+        self.each = body.mass[:, None]
+        self.mass = np.add.reduceat(self.each, self.first)
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """(J, 3) of values (N, 3), by mass."""
+        return np.add.reduceat(self.each * values, self.first) / self.mass
+
+    def of(self, x: np.ndarray, v: np.ndarray) -> Motion:
+        """Of particles at x with velocities v, (N, 3) each."""
+        centre, velocity = self.mean(x), self.mean(v)
+        arm = x - centre[self.owner]
+        momentum = np.add.reduceat(self.each * np.cross(arm, v), self.first)
+        products = np.add.reduceat(self.each[:, :, None] * arm[:, :, None] * arm[:, None], self.first)
+        trace = np.trace(products, axis1=1, axis2=2)
+        inertia = (1.0 + LEAST) * trace[:, None, None] * np.eye(3) - products + 1e-300 * np.eye(3)
+        spin = np.linalg.solve(inertia, momentum[..., None])[..., 0]
+        return Motion(centre, velocity, spin, momentum, inertia)
+
+    def field(self, motion: Motion, x: np.ndarray) -> np.ndarray:
+        """(N, 3) [m/s] the velocities of particles at x that move as a whole."""
+        arm = x - motion.centre[self.owner]
+        return motion.velocity[self.owner] + np.cross(motion.spin[self.owner], arm)
+
+    def speed(self, motion: Motion) -> np.ndarray:
+        """(J,) [m/s] of the whole: the root of the mean square over its particles."""
+        turning = np.einsum("ji,jik,jk->j", motion.spin, motion.inertia, motion.spin) / self.mass[:, 0]
+        return np.sqrt((motion.velocity**2).sum(1) + turning)
+
+
+def rotation(vector: np.ndarray) -> np.ndarray:
+    """(J, 3, 3) exp([vector]) for vectors (J, 3) [rad], Rodrigues' formula."""
+    half = 0.5 * np.linalg.norm(vector, axis=1)[:, None, None]
+    a = np.sinc(half / np.pi)
+    W = np.zeros((len(vector), 3, 3))
+    for axis in range(3):
+        y, z = (axis + 1) % 3, (axis + 2) % 3
+        W[:, z, y], W[:, y, z] = vector[:, axis], -vector[:, axis]
+    return np.eye(3) + a * np.cos(half) * W + 0.5 * a * a * (W @ W)
+
+
+def turned(motion: Motion, seconds: float) -> np.ndarray:
+    """(J, 3, 3) how jellos that no torque acts on turn in that time, by the midpoint rule (exact for a cube or ball)."""
+    half = rotation(0.5 * seconds * motion.spin)
+    inertia = half @ motion.inertia @ np.swapaxes(half, 1, 2)
+    spin = np.linalg.solve(inertia, motion.momentum[..., None])[..., 0]
+    return rotation(seconds * spin)
