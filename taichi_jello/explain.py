@@ -48,6 +48,7 @@ def facts(simulation: Simulation) -> dict[str, Any]:
             "damping": bound.damping,
             "safety": bound.safety,
             "safe_dt": bound.dt if np.isfinite(bound.dt) else None,
+            "wild_dt": bound.wild_dt if bound.wild_dt < bound.dt else None,
         },
         "method": simulation.method,
         "automatic": system.integrator.automatic,
@@ -110,6 +111,8 @@ def text(told: dict[str, Any]) -> str:
     limit = endless if safe is None else f"safe dt = {safe:.4g} s (safety {bound['safety']:g} included)"
     lines.append(f"  {limit}" + (f"; dt = auto takes {told['automatic']}" if told["automatic"] else ""))
     lines.append(f"  dt = {told['dt']:.4g} s: {told['substeps']} substeps of a {told['frame_dt']:.4g} s frame")
+    if bound["wild_dt"]:
+        lines.append(f"  dt = auto takes at most {bound['wild_dt']:.4g} s while springs may pass zero length")
     if told["in_parts_beyond"]:
         lines.append(f"  in parts while jellos come at each other by more than {told['in_parts_beyond']:.3g} m a step")
     return "\n".join(lines)

@@ -89,12 +89,15 @@ def stable_limit(amplification: Amplification, zeta: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True)
 class Bound:
     """The step a scene allows: stiffness Λ [1/s²], damping Γ [1/s] and the safety factor; dt [s] is infinite for a
-    scene in which nothing swings, zero if no step is stable."""
+    scene in which nothing swings, zero if no step is stable. damping_time [s]: what swings is damped by at least that
+    times its ω². wild_dt [s]: the automatic step while a jello is wild (see physics/heat.py)."""
 
     squared_frequency: float
     damping: float
     safety: float
     dt: float
+    damping_time: float = np.inf
+    wild_dt: float = np.inf
 
 
 def loaded(rate: float, burdens: list) -> float:
@@ -121,7 +124,7 @@ def largest_dt(amplification: Amplification, safety: float, rates: list, drag: f
         least = np.minimum(damping_time * omega**2 + drag, max(damping, 0.0))
         gamma = least + (damping - least) * np.linspace(0.0, 1.0, 9) ** 2
         dt = _scaled_limit(amplification, np.broadcast_to(omega, gamma.shape).ravel(), gamma.ravel())
-    return Bound(squared, damping, safety, safety * dt)
+    return Bound(squared, damping, safety, safety * dt, damping_time)
 
 
 def _scaled_limit(amplification: Amplification, omega: np.ndarray, gamma: np.ndarray) -> float:

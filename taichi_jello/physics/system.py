@@ -1,6 +1,7 @@
 """System: a scene's bodies and forces as Taichi fields and kernels, with only what the scene has."""
 
 from dataclasses import replace
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from taichi_jello.physics.forces.field import CallableField, GridField
 from taichi_jello.physics.forces.springs import Springs
 from taichi_jello.physics.gather import reach
 from taichi_jello.physics.handles import Handles
+from taichi_jello.physics.heat import Heat
 from taichi_jello.physics.integrators import scheme
 from taichi_jello.physics.integrators._base import Integrator
 from taichi_jello.physics.last_good import LastGood
@@ -75,6 +77,8 @@ class System:
         self.hurried, self.parts = tuple(force for force in self.all_forces if force.hurries), 1
         self.sweeps = tuple(force.sweep for force in self.all_forces if force.sweep)
         self.brakes = tuple(force.brake for force in self.all_forces if force.brake)
+        springs = next((force for force in self.all_forces if isinstance(force, Springs)), None)
+        self.heat = Heat(self, springs, body) if springs else None
         damped = any(force.reads_velocity for force in self.all_forces)
         self.integrator = Scheme(self.memory, self.state, damped, body)
         self.integrator.meet(self.all_forces)
@@ -249,10 +253,8 @@ class System:
                 gained = self.handles.kinetic(v) - self.handles.kinetic(self.good.v)
                 self.good.set(x, v)
                 self.forget()
-        if self.hurried and not within:
-            x, v = self.good.x, self.good.v
-            asked = [force.parts(x, v, end - start, dt) for force in self.hurried if automatic]
-            self.parts = max(asked, default=1)
+        if not within:
+            self.parts = self._choose_parts(end - start, dt) if automatic else 1
         self.changes.begin(start, self.good.x)
         for force in self.all_forces:
             force.begin_frame(start, end)
@@ -261,6 +263,13 @@ class System:
             for force in self.hurried:
                 force.survey(self, self.good.x, start)
         return gained
+
+    def _choose_parts(self, frame_dt: float, dt: float) -> int:
+        """In how many parts automatic steps of dt [s] are taken in the frame that begins."""
+        asked = [force.parts(self.good.x, self.good.v, frame_dt, dt) for force in self.hurried]
+        if dt > self.bound.wild_dt * (1.0 + 1e-9) and self.heat and self.heat.wild():
+            asked.append(ceil(dt / self.bound.wild_dt * (1.0 - 1e-9)))
+        return max(asked, default=1)
 
     def remembered(self, within: bool) -> dict[str, np.ndarray]:
         """What the frame that has begun, or, not `within` one, the next needs besides x and v to be the same."""

@@ -179,6 +179,17 @@ class Springs(ParticleForce):
         return total
 
     @ti.func
+    def crushed(self, i):
+        """The energy that its springs would have if they had no length."""
+        total = ti.cast(0.0, float)
+        for e in range(self.start[i // LANES], self.start[i // LANES + 1]):
+            entry = self.entries[e]
+            if (entry[1] >> (i % LANES)) & 1:
+                m = self.materials[self.place(entry[2], i)]
+                total += 0.25 * m[0] * m[1] * m[1]
+        return total
+
+    @ti.func
     def powers(self, i, x, v, t):
         """Half of -c (w · n)² for each spring of particle i; its other end books the other half."""
         total = ti.cast(0.0, float)

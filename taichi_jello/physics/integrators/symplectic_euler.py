@@ -2,14 +2,13 @@
 
 import taichi as ti
 
-from taichi_jello.physics.integrators._base import Integrator, oscillator_matrix
+from taichi_jello.physics.integrators._base import oscillator_matrix
+from taichi_jello.physics.integrators._symplectic import Symplectic
 
 
 @ti.data_oriented
-class SymplecticEuler(Integrator):
+class SymplecticEuler(Symplectic):
     name, order = "symplectic-euler", 1
-    # Linear theory allows 1; the undamped network, which is not linear, heats up above 0.4.
-    safety = 0.4
 
     def __init__(self, memory, state, damped, body):
         self.state = state

@@ -2,7 +2,8 @@
 
 import taichi as ti
 
-from taichi_jello.physics.integrators._base import Integrator, oscillator_matrix
+from taichi_jello.physics.integrators._base import oscillator_matrix
+from taichi_jello.physics.integrators._symplectic import Symplectic
 
 # v' stands on both sides. Three rounds of putting the last v' in reach the trapezoid rule's stability limit within
 # 3 % up to a damping ratio of 0.2. Where no force reads velocities one evaluation a step is all.
@@ -10,10 +11,9 @@ ROUNDS = 3
 
 
 @ti.data_oriented
-class VelocityVerlet(Integrator):
+class VelocityVerlet(Symplectic):
     name, order = "verlet", 2
     looks_at = 0.5
-    safety = 0.4  # as for symplectic Euler, whose positions it shares when undamped
 
     def __init__(self, memory, state, damped, body):
         self.state, self.damped = state, damped
