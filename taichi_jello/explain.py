@@ -80,7 +80,9 @@ def _unseen(system: Any) -> list[str]:
 def _form(team: int) -> str:
     if not team:
         return "parallel tasks"
-    return "one loop a frame on one thread" if team == 1 else f"one loop a frame shared by {team} threads"
+    if team == 1:
+        return "one loop a frame on one thread"
+    return f"one loop a frame shared by {team} threads, fewer while something else keeps them waiting"
 
 
 def text(told: dict[str, Any]) -> str:

@@ -43,6 +43,8 @@ class Runtime:
 
 
 _current: Runtime | None = None
+_workers: dict[int, int] = {}  # the core that each of Taichi's threads gets
+_settled = False  # whether each has it now
 
 
 def vulkan_device_types() -> list[int]:
@@ -122,7 +124,7 @@ def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None)
     may use.
     Raises RuntimeProblem for a name or a number that cannot be, or an arch that this machine lacks.
     """
-    global _current
+    global _current, _settled
     if precision not in PRECISIONS:
         raise RuntimeProblem(f"--precision: expected f32 or f64, got {precision!r}")
     cores = usable_cores()
@@ -146,8 +148,11 @@ def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None)
             unrolling_limit=0,  # no warning where a scene has many tables to fill
             fast_math=False,  # it may reorder sums, which gave other bits in a serial than in a parallel kernel
         )
+    _workers.clear()
     if chosen == "cpu" and threads == len(cores) > 1:
-        _settle(sorted(_tasks() - others)[-threads:], cores)
+        _workers.update(zip(sorted(_tasks() - others)[-threads:], cores, strict=False))
+    _settled = False
+    settle(True)
     _current = Runtime(chosen, precision, threads, 1 if _current is None else _current.serial + 1)
     return _current
 
@@ -160,13 +165,18 @@ def _tasks() -> set[int]:
         return set()
 
 
-def _settle(workers: list[int], cores: list[int]) -> None:
-    """Give each of Taichi's workers, which are the threads it starts last, a core of its own. Linux now and then wakes
-    two on one core, where each waits for the other until its time slice is over: single frames take ten times as long.
-    Not for fewer threads than there are cores, since others may be using just those that would be chosen."""
-    for worker, number in zip(workers, cores, strict=False):
+def settle(all_at_work: bool) -> None:
+    """Give each of Taichi's workers, which are the threads it starts last, a core of its own while all are at work, or
+    else any core. Linux now and then wakes two on one core, where each waits for the other until its time slice is
+    over: single frames take ten times as long. Fewer are better off where nothing else runs. Not for fewer threads
+    than there are cores, since others may be using just those that would be chosen."""
+    global _settled
+    if all_at_work == _settled:
+        return
+    _settled = all_at_work
+    for worker in _workers.keys() & _tasks():
         with contextlib.suppress(OSError):  # a thread that has ended since
-            os.sched_setaffinity(worker, {number})
+            os.sched_setaffinity(worker, {_workers[worker]} if all_at_work else set(_workers.values()))
 
 
 @contextlib.contextmanager

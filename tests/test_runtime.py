@@ -29,6 +29,7 @@ def test_each_worker_has_a_core_of_its_own():
     cores = runtime.usable_cores()
     runtime.start("cpu", "f32")
     simulation = Simulation(Scene(jello=[Box(points=(9, 9, 9))]), team=len(cores))
+    simulation.system.size.hold(len(cores))  # else fewer, where something else runs
     simulation.frame()
     tasks = threads() - {os.getpid()}
     before, end = {task: used(task) for task in tasks}, time.perf_counter() + 0.5
@@ -36,6 +37,10 @@ def test_each_worker_has_a_core_of_its_own():
         simulation.frame()
     busy = [task for task in tasks & threads() if used(task) > before[task] + 5]
     assert len(busy) == len(cores)
+    assert sorted(core for task in busy for core in allowed(task)) == cores
+    runtime.settle(False)
+    assert all(allowed(task) == set(cores) for task in busy)
+    runtime.settle(True)
     assert sorted(core for task in busy for core in allowed(task)) == cores
     assert allowed(0) == set(cores)  # nothing else is bound, nor what this process starts
     runtime.start("cpu", "f32", 1)

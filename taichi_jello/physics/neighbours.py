@@ -96,7 +96,7 @@ class Neighbours(Margins):
         no room, with narrower margins, and for a shorter time, in which what flies by comes near to less. Warns where
         there is no room even so."""
         scale, lasts = 1.0, max(frame_dt, 3.0 * dt)
-        while self._search(system, t, dt, frame_dt, lasts, scale * LEAST, scale * MOST) > self.rows:
+        while self._search(system, system.members, t, dt, frame_dt, lasts, scale * LEAST, scale * MOST) > self.rows:
             if scale < NARROWEST:
                 told = f"more is near their {self.count} points than {self.rows * ROW} places hold: some do not touch"
                 warnings.warn(f"jellos lie too densely in each other, {told}", RoomWarning, stacklevel=2)
@@ -147,16 +147,26 @@ class Neighbours(Margins):
 
     @ti.kernel
     def _search(
-        self, system: ti.template(), t: float, dt: float, frame_dt: float, lasts: float, least: float, most: float
+        self,
+        system: ti.template(),
+        members: int,
+        t: float,
+        dt: float,
+        frame_dt: float,
+        lasts: float,
+        least: float,
+        most: float,
     ) -> int:
-        """Returns how many rows the lists have, which may be more than there is room for. They last for `lasts` [s] or
-        longer; usual margins are between `least` and `most` distances between the points."""
+        """Done by so many members of a team. Returns how many rows the lists have, which may be more than there is room
+        for. They last for `lasts` [s] or longer; usual margins are between `least` and `most` distances between the
+        points."""
         if ti.static(system.team == 0):
             for r in ti.static(range(ROUNDS)):
                 self._round(r, system, 0, system.count, t, dt, frame_dt, lasts, least, most)
         else:
+            system.gather(members)
             ti.loop_config(serialize=system.team == 1, block_dim=1)
-            for member in range(system.team):
+            for member in range(members if ti.static(system.team > 1) else 1):
                 first, last = system.part_of(member)
                 for r in ti.static(range(ROUNDS)):
                     system.wait_for_team()

@@ -1,5 +1,7 @@
 """Stepper: the loop over a frame's substeps, in the form that the processor likes."""
 
+import contextlib
+import time
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ class Stepper:
     def __init__(self, system: Any, integrator: Any):
         self.system, self.integrator, self.ledger = system, integrator, system.ledger
         self.watched, self.team, self.count, self.books = system.watched, system.team, system.count, system.books
+        self.compiled = False
         if self.watched:
             self.reached = system.memory.table("clock", "steps done", np.zeros(1, np.int32))
 
@@ -35,31 +38,60 @@ class Stepper:
     def go(self, origin: int, first: int, last: int, dt: float) -> int:
         """Substeps `first` to `last`, dt [s] each, of those that began with `origin`. Returns the first that is not
         done."""
-        if self.team and self.integrator.solves:
-            with runtime.compiling_in_half_the_time():
-                self._team_steps(origin, first, last, dt)
-        elif self.team:
-            self._team_steps(origin, first, last, dt)
-        else:
+        if not self.team:
             self._parallel_steps(origin, first, last, dt)
-        return self._reached() if self.watched else last
+            return self._reached() if self.watched else last
+        if self.system.size is None:
+            return self._launch(origin, first, last, last, 1, dt)
+        return self._watched_steps(origin, first, last, dt)
+
+    def _watched_steps(self, origin: int, first: int, last: int, dt: float) -> int:
+        """The same in portions, of each of which the team's size is told how long it took."""
+        size, at = self.system.size, first
+        while at < last:
+            end = at + size.portion(last - at)
+            runtime.settle(size.members == self.team)
+            before, start = self._solved(), time.perf_counter()
+            reached = self._launch(origin, at, end, last, int(at == first), dt)
+            seconds = time.perf_counter() - start
+            if self.compiled:
+                size.took(reached - at, self._solved() - before or reached - at, seconds)
+            self.compiled = True
+            at = reached
+            if at < end:
+                break
+        return at
+
+    def _solved(self) -> int:
+        """How often a solver has gone through all springs until now."""
+        return self.integrator.solver.passes if self.integrator.solves else 0
+
+    def _launch(self, origin: int, first: int, end: int, last: int, begins: int, dt: float) -> int:
+        """Substeps `first` to `end` of those to `last`; not `begins`: right after those before. Returns the first that
+        is not done."""
+        compiling = runtime.compiling_in_half_the_time() if self.integrator.solves else contextlib.nullcontext()
+        with compiling:
+            self._team_steps(origin, first, end, last, begins, self.system.members, dt)
+        return self._reached() if self.watched else end
 
     @ti.kernel
-    def _team_steps(self, origin: int, start: int, stop: int, dt: float):
+    def _team_steps(self, origin: int, start: int, end: int, stop: int, begins: int, members: int, dt: float):
         if ti.static(len(self.watched) > 0):
             self.reached[0] = start
+        self.system.gather(members)
         if ti.static(self.team == 1):
             ti.loop_config(serialize=True)
         else:
             ti.loop_config(block_dim=1)
-        for member in range(self.team):
+        for member in range(members if ti.static(self.team > 1) else 1):
             first, last = self.system.part_of(member)
             if ti.static(self.books):  # noqa: SIM102
                 if start == origin:
                     self.ledger.book(self.system, first, last, 0, stop - origin, origin, dt)
-            if ti.static(self.integrator.has_begin):
-                self.integrator.begin(self.system, first, last, start * dt)
-            for step in range(start, stop):
+            if ti.static(self.integrator.has_begin):  # noqa: SIM102
+                if begins:
+                    self.integrator.begin(self.system, first, last, start * dt)
+            for step in range(start, end):
                 if ti.static(len(self.watched) > 0):
                     self._watch(first, last, step * dt, dt)
                     self.system.wait_for_team()

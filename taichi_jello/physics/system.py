@@ -25,10 +25,12 @@ from taichi_jello.physics.ledger import Ledger
 from taichi_jello.physics.particles import Particles
 from taichi_jello.physics.probe import Probe
 from taichi_jello.physics.state import ALONE, Memory, State
+from taichi_jello.physics.team_size import TeamSize
 from taichi_jello.plugins import classes
 from taichi_jello.scene import Scene
 
 FAR = 256.0  # m; there f32 has steps of 0.03 mm
+APART = 32  # whole numbers: so far from what all write to, on no processor's line of it
 
 
 def force_kinds() -> list[type[ParticleForce]]:
@@ -42,8 +44,9 @@ class System:
     which `method` names or is.
 
     team: how many threads share the loop over a frame's substeps, each with its own particles, waiting for each other
-    between the stages: the form for a CPU. 0: parallel tasks for every stage, the form for a GPU. All give the same
-    bits; by default chosen by arch, threads and size.
+    between the stages: the form for a CPU. It is the most; where something else is running fewer may be faster, see
+    `size`. 0: parallel tasks for every stage, the form for a GPU. All give the same bits; by default chosen by arch,
+    threads and size.
     """
 
     def __init__(
@@ -87,9 +90,11 @@ class System:
         self.handles = Handles(scene, body)
         self.ledger: Any = Ledger(self.all_forces, self.memory, len(self.handles.held) > 0) if ledger else None
         self.books = self.ledger is not None and self.ledger.columns > 0
+        self.size = TeamSize(self.team) if self.team > 1 else None
         self.probe, self.stepper = Probe(self), self.integrator.make_stepper(self)
         if self.team > 1:
-            self.arrivals = ti.field(ti.i64, 1)  # how often threads came to wait_for_team, ever
+            self.arrivals = ti.field(ti.i64, 1)  # how often threads came to wait_for_team in this launch
+            self.now = ti.field(ti.i32, 2 * APART)  # [APART]: how many share it
         self.memory.fill()
         self.changes = Changes(scene, body, list(self.all_forces))
         self.drag, self.mass = scene.drag, float(body.mass.sum())
@@ -196,11 +201,27 @@ class System:
             m += force.added_mass(i)
         return m
 
+    @property
+    def members(self) -> int:
+        """How many threads of the team share the next launch."""
+        return self.size.members if self.size else self.team
+
+    @ti.func
+    def gather(self, members):
+        """Before a loop over so many members of the team."""
+        if ti.static(self.team > 1):
+            self.now[APART] = members
+            self.arrivals[0] = 0
+
     @ti.func
     def part_of(self, member):
         """The first particle of a member of the team, and the first behind its last."""
-        first = member * self.passes // self.team * self.lanes
-        return first, ti.min((member + 1) * self.passes // self.team * self.lanes, self.count)
+        first, last = 0, self.count
+        if ti.static(self.team > 1):
+            members = self.now[APART]
+            first = member * self.passes // members * self.lanes
+            last = ti.min((member + 1) * self.passes // members * self.lanes, self.count)
+        return first, last
 
     @ti.func
     def share_of(self, particle, points):
@@ -211,10 +232,12 @@ class System:
     def wait_for_team(self):
         """Until every thread of the team has come here. Threads spin: being woken would take longer than a stage."""
         if ti.static(self.team > 1):
-            come = ti.atomic_add(self.arrivals[0], 1)
-            everyone = (come // self.team + 1) * self.team
-            while ti.atomic_max(self.arrivals[0], 0) < everyone:
-                pass
+            members = self.now[APART]
+            if members > 1:
+                come = ti.atomic_add(self.arrivals[0], 1)
+                everyone = (come // members + 1) * members
+                while ti.atomic_max(self.arrivals[0], 0) < everyone:
+                    pass
 
     def steps(self, first: int, last: int, dt: float) -> None:
         """Substeps `first` to `last` of the current frame, dt [s] each; in this frame each in `parts`."""

@@ -1,4 +1,5 @@
-"""Springs per second over lattice size, threads and precision, beside NumPy; pictures per second; start-up; memory."""
+"""Springs per second over lattice size, threads and precision, beside NumPy and beside a busy process; pictures per
+second; start-up; memory."""
 
 import argparse
 import os
@@ -22,6 +23,7 @@ from taichi_jello.scene import Camera, Scene, Solver
 from taichi_jello.sceneio import load
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Simulation
+from taichi_jello.studies import _busy
 from taichi_jello.studies._report import REPEATS, headline, machine, spread, take
 from taichi_jello.studies._scenes import STIFF, crowd_row, skin_row, stiff_row, voxel_row
 from taichi_jello.studies._scenes import lines as scene_lines
@@ -66,6 +68,8 @@ def kernel_row(
     runtime.start(arch, precision, threads)
     simulation = lattice(n, method, team)
     system, springs = simulation.system, len(simulation.body.springs)
+    if system.size:
+        system.size.hold(system.team)
     passes = system.integrator.passes
     batch = max(5, min(LAUNCH, round(PASSES / (springs * passes))))
 
@@ -207,7 +211,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     told: dict[str, Any] = machine() | {"kernels": [], "numpy_gather": [], "renderers": [], "window": {}}
     told["start_up_seconds"] = {}
     cases = list(kernel_cases(arch, chosen.threads, chosen.quick))
-    take(chosen, told, pieces(arch, cases, chosen.quick, told), "speed", len(cases) + 6)
+    take(chosen, told, pieces(arch, cases, chosen.quick, told), "speed", len(cases) + 7)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     return told | {"peak_bytes_of_this_study": memory}
 
@@ -220,6 +224,8 @@ def pieces(arch: str, cases: list[dict[str, Any]], quick: bool, told: dict[str, 
         yield
     for n in sorted({case["n"] for case in cases})[:3]:
         told["numpy_gather"].append(numpy_row(n, least))
+    yield
+    told["busy"] = _busy.busy_row(arch, 16 if quick else 32, 5.0 * least, repeats)
     yield
     told["renderers"] = renderer_rows(arch, quick, least, repeats)
     yield
@@ -256,6 +262,7 @@ def text(told: dict[str, Any]) -> str:
             f"{row['n']:5d}  NumPy float32 gather: {us['min']:.0f} ({us['median']:.0f}) µs a pass, "
             f"{row['million_springs_per_second']:.1f} M springs/s; one thread here is {ratio:.0f} times as fast"
         )
+    lines += [_busy.line(row) for row in [told.get("busy")] if row]
     for row in told["renderers"]:
         kind = f"{row['renderer']}, {row['samples']}x{row['samples']} samples, {row['springs']} springs"
         lines.append(f"{kind}: {row['pictures_per_second']:.1f} pictures/s")

@@ -4,7 +4,8 @@ import argparse
 
 import pytest
 
-from taichi_jello.studies import speed
+from taichi_jello import runtime
+from taichi_jello.studies import _busy, speed
 
 
 def test_ctrl_c_keeps_what_was_measured(monkeypatch):
@@ -25,6 +26,7 @@ def test_ctrl_c_keeps_what_was_measured(monkeypatch):
     told["voxels"] = speed.voxel_row("cpu", 0.0, 1)
     told["crowd"] = {"seconds": 4.0, "threads": 2, "ms": 12.3, "worst_ms": 20.0, "last_ms": 10.0, "real_time_ms": 16.7,
                      "search_share": 0.21}  # fmt: skip
+    told["busy"] = {"n": 32, "million_springs_per_second": {"one thread": 500.0, "watching": 450.0}, "of_the_best": 0.9}
     told["stiff"] = [{"n": 16, "stiffness": 46666.7, "times_real_time": 1.44}]
     assert 30_000 < told["skin"]["points"] < 45_000 and told["skin"]["min_ms"] > 0.0
     assert 70_000 < told["voxels"]["triangles"] < 90_000
@@ -32,6 +34,7 @@ def test_ctrl_c_keeps_what_was_measured(monkeypatch):
     assert "window: not measured: no Vulkan driver works here" in page
     assert "16³ points, k = 4.67e+04 N/m" in page and "1.4 times real time" in page
     assert "12.3 ms a frame" in page and "contact search 21 % of it" in page
+    assert "one thread 500, watching 450; watching is 0.90 of the best" in page
     assert "points carried along" in page and "voxelised at 48 cells" in page
     assert told["interrupted"] and "       300  " in page
     assert page.endswith("interrupted: the table holds what was measured until then")
@@ -42,3 +45,25 @@ def test_every_size_is_timed_on_one_thread_and_f64_where_there_is_one(arch):
     cases = list(speed.kernel_cases(arch, None, False))
     assert {case["n"] for case in cases if case["threads"] == 1} == {8, 16, 32, 64}
     assert any(case["precision"] == "f64" for case in cases) == (arch == "cpu")
+
+
+@pytest.mark.skipif(len(runtime.usable_cores()) < 2, reason="on one core there is no team")
+def test_beside_a_busy_process_that_is_ended(monkeypatch):
+    begun, popen = [], _busy.subprocess.Popen
+
+    def begin(*arguments, **options):
+        begun.append(popen(*arguments, **options))
+        return begun[-1]
+
+    monkeypatch.setattr(_busy.subprocess, "Popen", begin)
+    row = _busy.busy_row("cpu", 6, 0.0, 2)
+    assert [process.poll() is None for process in begun] == [False]
+    rates = row["million_springs_per_second"]
+    assert len(rates) == 4 and min(rates.values()) > 0.0
+    best = max(rate for name, rate in rates.items() if name != "watching")
+    assert row["of_the_best"] == pytest.approx(rates["watching"] / best)
+    assert "beside a busy process, 6³ points" in _busy.line(row)
+    assert "not measured" in _busy.line(_busy.busy_row("vulkan", 6, 0.0, 2))
+    with pytest.raises(KeyboardInterrupt), _busy.busy_process():
+        raise KeyboardInterrupt
+    assert begun[-1].poll() is not None
