@@ -15,7 +15,7 @@ GAIN = 0.95  # of the time that it took before: the other number is the better o
 PATIENCE = 0.01  # s that a trial may lose
 TRIALS = {-1: 0.05, 1: 0.3}  # s of a trial of fewer threads and of more, which may do well until the other runs again
 SOONEST, LATEST = 0.2, 5.0  # s of work between trials that are in vain
-SHARE = 0.03  # of all time, that these may cost
+SHARE, RAREST = 0.03, 60.0  # of all time, that these may cost, until they are so rare [s]
 
 
 def sizes(most: int) -> list[int]:
@@ -38,9 +38,9 @@ class Span:
         self.seconds, self.work = self.seconds + seconds, self.work + work
 
     def fade(self) -> None:
-        """Let what is past count for less."""
-        if self.seconds > WINDOW:
-            self.seconds, self.work = 0.5 * self.seconds, 0.5 * self.work
+        """Let all that is past count for no more than half of WINDOW."""
+        part = min(1.0, 0.5 * WINDOW / self.seconds)
+        self.seconds, self.work = part * self.seconds, part * self.work
 
     @property
     def pace(self) -> float:
@@ -49,7 +49,7 @@ class Span:
 
 class TeamSize:
     """`members` of at most `most` threads share the next launch. Told how long each launch took, it tries fewer where
-    they have become slow, and once at the beginning; and more now and then, ever more rarely as long as that is in
+    they have become slow, and once where it begins with a number; and more now and then, ever more rarely as long as that is in
     vain. A trial is short, and ends as soon as it has lost PATIENCE. Its only clock is the time that it is told."""
 
     def __init__(self, most: int):
@@ -116,7 +116,7 @@ class TeamSize:
 
     def _go_back(self, way: int) -> None:
         lost = max(0.0, self.trial.seconds - self.recent.pace * self.trial.work)
-        self.wait[way] = max(min(2.0 * self.wait[way], LATEST), lost / SHARE)
+        self.wait[way] = max(min(2.0 * self.wait[way], LATEST), min(lost / SHARE, RAREST))
         self.due[way] = self.time + self.wait[way]
         if way < 0:
             if self._try(self.away - 1):
@@ -126,7 +126,7 @@ class TeamSize:
         self.recent.fade()
 
     def _settle(self, way: int) -> None:
-        self.home, self.best, self.compared = self.members, self.trial.pace, True
+        self.home, self.best, self.compared = self.members, self.trial.pace, False
         self.recent = Span()
         self.wait[way] = max(0.5 * self.wait[way], SOONEST)
         self.due = {way: self.time, -way: self.time + self.wait[-way]}

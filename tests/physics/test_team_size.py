@@ -68,6 +68,20 @@ def test_work_that_takes_longer_for_all_changes_nothing():
     assert size.home == 2
 
 
+@pytest.mark.parametrize("home", [1, 2])
+def test_after_a_halt_it_is_as_before(home):
+    size = TeamSize(2)
+    go_on(size, 1.0, 10.0 if home == 1 else 1.0)
+    size.took(1, 1, 3600.0)
+    go_on(size, 2.0, 10.0 if home == 1 else 1.0)
+    assert size.home == home
+    while size.members == size.home:
+        go_on(size, 1e-9, 10.0)
+    size.took(1, 1, 3600.0)  # in a trial
+    go_on(size, 2.0 * team_size.RAREST, 1.0)
+    assert size.home == 2
+
+
 def test_never_more_than_asked_for_and_all_between():
     assert sizes(1) == [1] and sizes(2) == [1, 2] and sizes(16) == [1, 2, 4, 8, 15, 16]
     size = TeamSize(6)
