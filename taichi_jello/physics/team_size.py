@@ -49,8 +49,9 @@ class Span:
 
 class TeamSize:
     """`members` of at most `most` threads share the next launch. Told how long each launch took, it tries fewer where
-    they have become slow, and once where it begins with a number; and more now and then, ever more rarely as long as that is in
-    vain. A trial is short, and ends as soon as it has lost PATIENCE. Its only clock is the time that it is told."""
+    they have become slow, and once where it begins with a number; and more now and then, ever more rarely as long as
+    that is in vain. A trial is short, and ends as soon as it has lost PATIENCE. Its only clock is the time that it is
+    told."""
 
     def __init__(self, most: int):
         self.sizes, self.members, self.held = sizes(most), most, False
