@@ -11,6 +11,7 @@ from typing import Any
 from taichi_jello import runtime
 from taichi_jello.physics.integrators import scheme, schemes
 from taichi_jello.simulation import Simulation
+from taichi_jello.studies import _motion, _motion_page, _work_precision
 from taichi_jello.studies._ahead import Rest, begun, compiling_ahead
 from taichi_jello.studies._cases import Case, built_in, case_of, default
 from taichi_jello.studies._report import headline, keep, machine, table, take
@@ -41,6 +42,8 @@ class Plan:
 
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """All figures; with --quick the smooth case on a small lattice. Raises SceneError for an unknown method."""
+    if chosen.scene == _motion.NAME:
+        return _motion.measure(chosen)
     cases = asked_for(chosen)
     methods = chosen.method.split(",") if chosen.method else sorted(schemes())
     for method in methods:
@@ -150,11 +153,15 @@ def coarsest(simulation: Simulation, chosen: argparse.Namespace) -> int:
 
 def rows(told: dict[str, Any]) -> list[dict[str, Any]]:
     """Every point as one flat line."""
+    if "rows" in told:
+        return list(told["rows"])
     return [{"case": case["case"]} | point for case in told["cases"] for point in case["points"]]
 
 
 def text(told: dict[str, Any]) -> str:
     """The figures as tables, and what follows from them."""
+    if "rows" in told:
+        return _motion_page.text(told)
     lines = [f"{headline(told)}; {told['arch']}, {told.get('threads', 1)} threads"]
     for case in told["cases"]:
         lines += ["", *page(case)]
@@ -194,6 +201,5 @@ def page(case: dict[str, Any]) -> list[str]:
 
 def plot(told: dict[str, Any], path: Path) -> None:
     """Error over run time and over the step, a row of axes for each case. Raises Lacking."""
-    from taichi_jello.studies._work_precision import draw
-
+    draw = _motion_page.draw if "rows" in told else _work_precision.draw
     draw(told, path)

@@ -36,9 +36,9 @@ LONG = 1.0 / 30.0  # s, and the longest step it is tried at if that is longer
 FEW = 60  # steps of such a run
 
 
-def stiffest_mode(body: Body) -> tuple[float, np.ndarray]:
-    """ω²m/k of the fastest swing about the rest state of a lattice with springs of 1 N/m, and its shape (N, 3) of
-    length 1."""
+def swings(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """ω²m/k of every swing about the rest state of a lattice with springs of 1 N/m, the slowest first, and their shapes
+    as columns (3N, 3N) of length 1; the first six move it as a rigid body."""
     n, d = len(body), body.direction
     K = np.zeros((n, 3, n, 3))
     for (i, j), block in zip(body.springs, np.einsum("si,sj->sij", d, d), strict=True):
@@ -47,7 +47,13 @@ def stiffest_mode(body: Body) -> tuple[float, np.ndarray]:
         K[i, :, j] -= block
         K[j, :, i] -= block
     values, vectors = np.linalg.eigh(K.reshape(3 * n, 3 * n))
-    return float(values[-1]), vectors[:, -1].reshape(n, 3)
+    return values, vectors
+
+
+def stiffest_mode(body: Body) -> tuple[float, np.ndarray]:
+    """ω²m/k of its fastest swing, and its shape (N, 3)."""
+    values, vectors = swings(body)
+    return float(values[-1]), vectors[:, -1].reshape(len(body), 3)
 
 
 class Bench:
