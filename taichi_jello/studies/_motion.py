@@ -20,7 +20,8 @@ from taichi_jello.studies._trials import FRAME, SLOPE, TRIALS, Run, Trial
 NAME = "motion"  # of the case
 SECONDS = {False: 10.0, True: 2.0}  # that spin and energy are followed, by --quick
 LONGER = {False: 2, True: 4}  # times as many substeps as on the rung before
-PASSES = 256  # a frame that the last rung may take, about
+PASSES = 256  # a frame that the last rung may take, about,
+SOLVES = 16  # and substeps where each one solves
 FINER = (4, 8)  # times as many steps as RK4's safe one needs: one to compare with, and the reference
 UNKNOWN = ("rebound", "rolling")  # trials without a closed form
 
@@ -75,9 +76,10 @@ def climb(method: str, toys: Toys, told: dict[str, Any], chosen: argparse.Namesp
     while True:
         found = row(bench, substeps, told)
         yield found
-        if given or found["passes"] * LONGER[chosen.quick] > 1.01 * PASSES:
-            return
         substeps *= LONGER[chosen.quick]
+        enough = bench.simulation.system.integrator.solves and substeps > SOLVES
+        if given or enough or found["passes"] * LONGER[chosen.quick] > 1.01 * PASSES:
+            return
 
 
 def first_rung(bench: "Bench") -> int:
@@ -150,12 +152,15 @@ class Bench:
 
 
 class Automatic(Bench):
-    """The toys under `auto`, which looks at a scene when that is made: made anew for each trial."""
+    """The toys under `auto`, which looks at a scene when that is made: made anew for other numbers."""
 
     def __init__(self, toys: Toys, told: dict[str, Any], chosen: argparse.Namespace):
         self.method, self.toys = AUTO, toys
+        self.numbers: dict[str, Any] = {}
         self.start = (told["arch"], told["precision"], chosen.threads)
 
     def set_up(self, trial: Trial, substeps: int | None) -> None:
-        runtime.start(*self.start)  # what was compiled is found only if fields have the numbers that they had
-        self.simulation = Simulation(self.toys.scene(**trial.numbers), method=AUTO, dt="auto")
+        if trial.numbers != self.numbers:
+            runtime.start(*self.start)  # what was compiled is found only if fields have the numbers that they had
+            self.simulation = Simulation(self.toys.scene(**trial.numbers), method=AUTO, dt="auto")
+            self.numbers = trial.numbers
