@@ -13,7 +13,7 @@ from taichi_jello.assembly import assembled
 from taichi_jello.body import Body
 from taichi_jello.clock import Clock, StepWarning, asked_step, asked_substeps, safe_substeps, steps_in
 from taichi_jello.diverged import diverged
-from taichi_jello.physics.choice import AUTO, Choice, choose
+from taichi_jello.physics.choice import AUTO, Choice
 from taichi_jello.physics.forces.grab import MOST, Hand, Held
 from taichi_jello.physics.ledger import Books
 from taichi_jello.physics.system import System
@@ -62,11 +62,9 @@ class Simulation:
         self.choice: Choice | None = None  # of `auto`
         self._told: tuple[Any, ...] = ()  # the step that was warned of
         if self.method == AUTO:
-            own_step = self.asked_step != ("auto", None)
-            self.system, self.choice = choose(scene, self.body, own_step, team=team, ledger=ledger)
-            self.method = self.choice.method
-        else:
-            self.system = System(scene, self.body, method=self.method, team=team, ledger=ledger)
+            self.choice = Choice(scene, self.body, self.asked_step != ("auto", None))
+        self.system = System(scene, self.body, method=self.choice or self.method, team=team, ledger=ledger)
+        self.method = self.system.integrator.name
         self._systems = {self.method: self.system}  # Taichi gives back no compiled code: each is made only once
         self.clock = Clock(self.frame_dt, self._choose_substeps(*self.asked_step))
         self._begun = False

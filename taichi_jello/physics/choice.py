@@ -1,26 +1,23 @@
-"""The method `auto`: an explicit step where the motion is resolved anyway, an implicit one where it costs less."""
+"""The method `auto`: explicit where a frame's evaluations fit into real time or cost less, else steps that adapt."""
 
-from dataclasses import dataclass
 from math import ceil
 from typing import Any
 
 from taichi_jello.body import Body
 from taichi_jello.physics.integrators import scheme
-from taichi_jello.physics.system import System
+from taichi_jello.physics.integrators._base import Integrator
 from taichi_jello.scene import Scene
 
-AUTO, EXPLICIT, IMPLICIT = "auto", "rk4", "backward-euler"
-# What the solve of a stiff frame costs on an impact, in evaluations of the forces, on bodies of any size: about 40
-# evaluations and products with H, each with what else the solve does for it.
-SOLVE = 200
-
-
-@dataclass(frozen=True)
-class Choice:
-    """The method, and why: what a frame costs either way, in evaluations of all forces."""
-
-    method: str
-    reason: str
+AUTO = "auto"
+ACCURATE, UNDAMPED, CHEAPEST, STIFF = "rk4", "verlet", "symplectic-euler", "adaptive"
+# Forces of a spring that one thread and two evaluate in a second; 450 and 950 million were measured. Work is counted
+# and not timed, so that the choice is the same on every machine.
+SPRINGS = {False: 400e6, True: 800e6}
+MANY = 3000  # particles from which on two threads share the work
+PARTICLE = 2.0  # springs that a particle costs besides its own
+SHARE = 0.6  # of a frame that the motion may take: the rest is for drawing it
+SOLVED = 400.0  # evaluations that an adaptive frame takes where something touches, of solids
+THIN = 10.0  # times as many of sheets and ropes, whose springs do not hold them across
 
 
 def check(method: str) -> None:
@@ -29,15 +26,45 @@ def check(method: str) -> None:
         scheme(method)
 
 
-def choose(scene: Scene, body: Body, own_step: bool, **options: Any) -> tuple[System, Choice]:
-    """The system for `auto`. own_step: whether dt or substeps are given; then the step is explicit and as given."""
-    explicit = System(scene, body, method=EXPLICIT, **options)
-    frame = scene.solver.frame_dt
-    evaluations = explicit.integrator.stages * max(1, ceil(frame / explicit.bound.dt))
-    solve = SOLVE
-    told = f"a frame takes {EXPLICIT} {evaluations} evaluations of the forces, an implicit solve about {solve}"
-    if own_step:
-        return explicit, Choice(EXPLICIT, "the step is given")
-    if evaluations <= solve:
-        return explicit, Choice(EXPLICIT, told)
-    return System(scene, body, method=IMPLICIT, **options), Choice(IMPLICIT, told)
+class Choice:
+    """What `auto` takes for a scene: `method`, and the `reason`: what a frame costs, in evaluations of all forces.
+    own_step: whether dt or substeps are given; then the step is explicit and as given."""
+
+    def __init__(self, scene: Scene, body: Body, own_step: bool):
+        self.scene, self.body, self.own_step = scene, body, own_step
+        self.method, self.reason = "", ""
+
+    def scheme(self, forces: tuple[Any, ...], damped: bool) -> type[Integrator]:
+        """The scheme for a system with these forces; `damped`: any of them reads velocities."""
+        self.method, self.reason = self._choose(forces, damped)
+        return scheme(self.method)
+
+    def _choose(self, forces: tuple[Any, ...], damped: bool) -> tuple[str, str]:
+        lossless = CHEAPEST if damped else UNDAMPED  # with one evaluation a step
+        best = ACCURATE if self.body.damping.any() else lossless
+        if self.own_step:
+            return best, "the step is given"
+        costs = {name: self._cost(name, forces, damped) for name in dict.fromkeys((best, CHEAPEST))}
+        most, solved = self._affordable(), SOLVED if self._solid() else THIN * SOLVED
+        told = f"a frame takes {best} {costs[best]:.0f} evaluations of all forces; real time allows {most:.0f}"
+        if costs[best] <= most:
+            return best, told
+        cheapest = min(costs, key=lambda name: costs[name])
+        if costs[cheapest] <= max(most, solved):
+            return cheapest, told + (f", {cheapest} takes {costs[cheapest]:.0f}" if cheapest != best else "")
+        return STIFF, f"{told}, {STIFF} steps take about {solved:.0f}"
+
+    def _cost(self, name: str, forces: tuple[Any, ...], damped: bool) -> float:
+        """Evaluations of all forces in a frame with an explicit method at its safe step."""
+        method, frame = scheme(name), self.scene.solver.frame_dt
+        dt = method.bound(forces, self.scene.drag).dt
+        return method.evaluations(damped) * ceil(frame / min(dt, frame) * (1.0 - 1e-9)) if dt > 0.0 else float("inf")
+
+    def _affordable(self) -> float:
+        """How often all forces can be evaluated in a frame in real time."""
+        each = (len(self.body.springs) + PARTICLE * len(self.body)) / SPRINGS[len(self.body) >= MANY]
+        return SHARE * self.scene.solver.frame_dt / each
+
+    def _solid(self) -> bool:
+        """Whether all jellos have cells."""
+        return set(self.body.jello.tolist()) == set(self.body.jello[self.body.cells[:, 0]].tolist())

@@ -41,7 +41,7 @@ def force_kinds() -> list[type[ParticleForce]]:
 @ti.data_oriented
 class System:
     """All particles of `body` under the forces that `scene` needs, stepped by one scheme,
-    which `method` names or is.
+    which `method` names, is or chooses (see physics/choice.py).
 
     team: how many threads share the loop over a frame's substeps, each with its own particles, waiting for each other
     between the stages: the form for a CPU. It is the most; where something else is running fewer may be faster, see
@@ -50,9 +50,8 @@ class System:
     """
 
     def __init__(
-        self, scene: Scene, body: Body, *, method: str | type[Integrator], team: int | None = None, ledger: bool = False
+        self, scene: Scene, body: Body, *, method: str | type[Integrator] | Any, team: int | None = None, ledger: bool = False
     ):
-        Scheme = scheme(method) if isinstance(method, str) else method
         owner = runtime.current()
         self.team = self._choose_team(owner, len(body)) if team is None else team
         self.memory = Memory(len(body), reach(body), owner)
@@ -83,7 +82,10 @@ class System:
         springs = next((force for force in self.all_forces if isinstance(force, Springs)), None)
         self.heat = Heat(self, springs, body) if springs else None
         damped = any(force.reads_velocity for force in self.all_forces)
-        self.integrator = Scheme(self.memory, self.state, damped, body)
+        if isinstance(method, str):
+            method = scheme(method)
+        Scheme = method if isinstance(method, type) else method.scheme(self.all_forces, damped)
+        self.integrator: Integrator = Scheme(self.memory, self.state, damped, body)
         self.integrator.meet(self.all_forces)
         for sweep in self.sweeps:
             sweep.whole = self.integrator.long_steps

@@ -62,9 +62,15 @@ class Integrator:
         """How often a step evaluates all springs, if it does not solve."""
         return self.stages
 
-    def bound(self, forces: tuple[Any, ...], drag: float) -> Bound:
+    @classmethod
+    def evaluations(cls, damped: bool) -> int:
+        """How often a step of an explicit scheme evaluates all forces; `damped`: they read velocities."""
+        return 1
+
+    @classmethod
+    def bound(cls, forces: tuple[Any, ...], drag: float) -> Bound:
         """The step that is safe with these forces as they are now."""
-        return largest_dt(self.amplification, self.safety, [force.rates() for force in forces], drag)
+        return largest_dt(cls.amplification, cls.safety, [force.rates() for force in forces], drag)
 
     def automatic_dt(self, bound: Bound, frame_dt: float) -> float:
         """The step [s] that dt = "auto" asks for."""

@@ -19,7 +19,7 @@ from math import sqrt
 
 from taichi_jello.physics.integrators._base import Integrator
 
-CALM = 0.5  # √Λ dt of an undamped step: 0.99 of the energy of a small swing
+CALM = 0.75  # √Λ dt of an undamped step: 0.98 of the energy of a small swing
 WILD = 0.125  # the same while springs may pass zero length: no more than 2 % of the energy in a minute
 # Dashpots outrun the heating above if (√Λ dt)⁴ is this times c/k √Λ: its rate is then 1/200 of λ. Measured with c from
 # 1 to 1e-4 of a cube's 0.25 N·s/m, from wild starts: with 25 no frame ends with more energy than the start, but by what
@@ -32,7 +32,8 @@ class Symplectic(Integrator):
 
     safety = 0.95
 
-    def bound(self, forces, drag):
+    @classmethod
+    def bound(cls, forces, drag):
         found = super().bound(forces, drag)
         if found.squared_frequency == 0.0:
             return found

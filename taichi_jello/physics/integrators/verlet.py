@@ -17,11 +17,15 @@ class VelocityVerlet(Symplectic):
 
     def __init__(self, memory, state, damped, body):
         self.state, self.damped = state, damped
-        self.stages = ROUNDS + 1 if damped else 1
+        self.stages = self.evaluations(damped)
         self.has_begin = not damped
         self.a = memory.vectors(self.name, "a")
         if damped:
             self.half = memory.vectors(self.name, "half-step v")
+
+    @classmethod
+    def evaluations(cls, damped):
+        return ROUNDS + 1 if damped else 1
 
     @ti.func
     def begin(self, system, first, last, t):
