@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from reference import twisted
 
-from taichi_jello import Box, Contact, Grab, Pin, Plane, Scene, Simulation, Snapshot, Solver
+from taichi_jello import Box, Contact, Grab, Move, Pin, Plane, Scene, Simulation, Snapshot, Solver
 from taichi_jello.explain import facts
 from taichi_jello.physics.integrators.xpbd import MOST, colored
 
@@ -171,4 +171,92 @@ def test_jellos_that_collide_keep_their_momentum_and_a_run_cut_in_two_its_bits()
 def test_other_methods_make_no_list_of_springs_by_color():
     for method in ("rk4", "symplectic-euler"):
         told = facts(Simulation(Scene(jello=[Box(points=(2, 2, 2))]), method=method))
-        assert not {"xpbd", "spin"} & told["fields"].keys()
+        assert not {"xpbd", "spin", "budget"} & told["fields"].keys()
+
+
+STARTS = {
+    "flat": lambda x: x * [1.0, 0.0, 1.0],
+    "line": lambda x: x * [0.0, 1.0, 0.0],
+    "point": lambda x: 0.0 * x,
+    "within 1 mm": lambda x: np.random.default_rng(1).uniform(-5e-4, 5e-4, x.shape),
+    "random": lambda x: np.random.default_rng(2).uniform(-0.5, 0.5, x.shape),
+    "mirrored and twisted": lambda x: twisted(x) * [-1.0, 1.0, 1.0],
+    "squashed": lambda x: x * [1.0, 0.4, 1.0],
+    "half of it squashed": lambda x: np.where(x[:, 1:2] > 0.0, x * [1.0, 0.05, 1.0], x),
+    "shrunk": lambda x: 0.5 * x,
+    "stretched": lambda x: x * [1.0, 3.0, 1.0],
+    "twisted": lambda x: twisted(x, 360.0),
+}
+
+
+def most_energy(simulation, x, frames):
+    """The most kinetic + elastic energy at the end of a frame, over what there was when all were let go at x."""
+    simulation.restore(Snapshot(0.0, x, np.zeros_like(x)))
+    energy = [sum(simulation.energies().values())]
+    for _ in range(frames):
+        simulation.frame()
+        energy.append(sum(simulation.energies().values()))
+    return max(energy[1:]) / energy[0]
+
+
+@pytest.fixture(scope="module", params=[0.25, 0.0], ids=["damped", "undamped"])
+def loose(request):
+    cube = Box(points=(5, 5, 5), stiffness=1.0, damping=request.param)
+    return Simulation(Scene(gravity=STILL, jello=[cube]), method="xpbd")
+
+
+@pytest.mark.parametrize("substeps", [1, 4, 40, 400, "auto"])
+@pytest.mark.parametrize("k", [1.0, 1e3, 1e5, 1e8])
+def test_no_start_feeds_energy(loose, k, substeps):
+    """Without a budget a stiff cube that starts squashed has up to five times its energy after a frame."""
+    loose.tune(stiffness=k)
+    loose.change_step(**{"dt": "auto"} if substeps == "auto" else {"substeps": substeps})
+    m, x = loose.body.mass[:, None], loose.body.x
+    for name, begin in STARTS.items():
+        assert most_energy(loose, begin(x), max(2, 60 // loose.substeps)) <= 1.0 + 1e-9, name
+        fastest = np.sqrt(k)  # m/s, of what begins like that
+        assert np.abs((m * loose.v).sum(0)).max() < 1e-12 * fastest, name
+        assert np.abs(np.cross(loose.x, m * loose.v).sum(0)).max() < 1e-12 * fastest, name
+
+
+def test_a_large_cube_that_starts_flat_feeds_no_energy():
+    cube = Box(stiffness=1e5, damping=0.25)
+    simulation = Simulation(Scene(gravity=STILL, jello=[cube]), method="xpbd")
+    assert len(simulation.body) == 512
+    assert most_energy(simulation, simulation.body.x * [1.0, 0.0, 1.0], 10) <= 1.0
+
+
+def test_what_is_pinned_feeds_no_energy_and_stays_where_it_is():
+    cube = Box(points=(4, 4, 4), stiffness=1e5, damping=0.25, pin=[Pin(max=(0.0, 1.0, 1.0))])
+    simulation = Simulation(Scene(gravity=STILL, jello=[cube]), method="xpbd")
+    pinned = simulation.body.pinned
+    for substeps in (1, 40):
+        simulation.change_step(substeps=substeps)
+        for name in ("flat", "squashed", "random", "shrunk"):
+            start = STARTS[name](simulation.body.x)
+            assert most_energy(simulation, start, 10) <= 1.0 + 1e-9, name
+            assert np.array_equal(simulation.x[pinned], start[pinned])
+
+
+def test_a_handle_pulls_a_crushed_jello_along():
+    path = [Move(time=0.0, offset=STILL), Move(time=0.5, offset=(1.0, 0.0, 0.0))]
+    cube = Box(points=(4, 4, 4), stiffness=1e5, damping=0.25, pin=[Pin(max=(0.0, 1.0, 1.0), keyframe=path)])
+    simulation = Simulation(Scene(gravity=STILL, jello=[cube]), method="xpbd")
+    x = simulation.body.x
+    simulation.restore(Snapshot(0.0, x * [1.0, 0.4, 1.0], np.zeros_like(x)))
+    for _ in range(60):
+        simulation.frame()
+    assert simulation.x[:, 0].mean() == pytest.approx(1.0, abs=0.1)
+
+
+def test_of_two_jellos_only_that_which_is_crushed_is_limited():
+    """The other one, a cube that swings, goes on to the bits."""
+    cubes = [Box(points=(4, 4, 4), position=(3.0 * n, 0.0, 0.0), stiffness=1e5, damping=0.25) for n in range(2)]
+    simulation = Simulation(Scene(gravity=STILL, jello=cubes), method="xpbd")
+    x, ends = simulation.body.x.copy(), []
+    x[:64] = x[:64] * [1.0, 1.1, 1.0]
+    for height in (1.0, 0.4):
+        x[64:] = simulation.body.x[64:] * [1.0, height, 1.0]
+        assert most_energy(simulation, x, 5) <= 1.0
+        ends.append(simulation.x)
+    assert np.array_equal(ends[0][:64], ends[1][:64]) and not np.array_equal(ends[0][64:], ends[1][64:])

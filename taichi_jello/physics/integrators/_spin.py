@@ -46,8 +46,10 @@ class Spin:
         self.chunks = memory.table("spin", "chunks", np.array(chunks))  # first, last, and first of the jello
         self.spans = memory.table("spin", "chunks of jellos", np.column_stack([starts[:-1], starts[1:]]))
         self.group = memory.table("spin", "jello", group)
-        self.sums = memory.zeros("spin", "sums", (self.count, 13))
-        self.turn, self.center = (memory.zeros("spin", name, (self.groups, 3)) for name in ("turn", "centres"))
+        self.sums = memory.zeros("spin", "sums", (self.count, 19))
+        names = ("turn", "centres", "glide", "whirl")
+        made = (memory.zeros("spin", name, (self.groups, 3)) for name in names)
+        self.turn, self.center, self.glide, self.whirl = made
 
     @ti.func
     def correct(self, system, first, last, x, v, before):
@@ -66,25 +68,28 @@ class Spin:
 
     @ti.func
     def add_up(self, system, k, x, v, before):
-        """Of a chunk, with places p relative to the jello's first particle: Σ m, Σ m p, the six Σ m p p and
-        Σ m p × Δv."""
+        """Of a chunk, with places p relative to the jello's first particle: Σ m, Σ m p, the six Σ m p p,
+        Σ m p × Δv, Σ m v and Σ m p × v of before."""
         chunk = self.chunks[k]
-        total, origin = ti.Vector([0.0] * 13), x[chunk[2]]
+        total, origin = ti.Vector([0.0] * 19), x[chunk[2]]
         for i in range(chunk[0], chunk[1]):
             m, p = system.particles.mass(i), x[i] - origin
-            q, torque = m * p, m * p.cross(v[i] - before[i])
+            q, torque, momentum = m * p, m * p.cross(v[i] - before[i]), m * before[i]
+            angular = p.cross(momentum)
             total[0] += m
             for axis in ti.static(range(3)):
                 total[1 + axis] += q[axis]
                 total[4 + axis] += q[axis] * p[axis]
                 total[7 + axis] += q[(axis + 1) % 3] * p[(axis + 2) % 3]
                 total[10 + axis] += torque[axis]
+                total[13 + axis] += momentum[axis]
+                total[16 + axis] += angular[axis]
         self.sums[k] = total
 
     @ti.func
     def find(self, g, x):
-        """Centre of mass and ω of a jello."""
-        total = ti.Vector([0.0] * 13)
+        """Centre of mass and ω of a jello, and the rigid motion it goes on with, its velocity and its turning."""
+        total = ti.Vector([0.0] * 19)
         for k in range(self.spans[g][0], self.spans[g][1]):
             total += self.sums[k]
         c, torque = ti.Vector([total[1], total[2], total[3]]) / total[0], ti.Vector([total[10], total[11], total[12]])
@@ -97,4 +102,22 @@ class Spin:
         for axis in ti.static(range(3)):
             b[axis] += least
         self.turn[g] = solve_spd(b, torque)
+        momentum, angular = ti.Vector([total[13], total[14], total[15]]), ti.Vector([total[16], total[17], total[18]])
+        self.glide[g], self.whirl[g] = momentum / total[0], solve_spd(b, angular - c.cross(momentum))
         self.center[g] = x[self.chunks[self.spans[g][0]][2]] + c
+
+    @ti.func
+    def glide_of(self, i):
+        """The velocity of the centre of mass of particle i's jello; zero if that is pinned."""
+        velocity, g = ti.Vector([0.0, 0.0, 0.0]), self.group[i]
+        if g >= 0:
+            velocity = self.glide[g]
+        return velocity
+
+    @ti.func
+    def rigid(self, i, x):
+        """The velocity that particle i would have if its jello did not deform; zero if that is pinned."""
+        velocity, g = ti.Vector([0.0, 0.0, 0.0]), self.group[i]
+        if g >= 0:
+            velocity = self.glide[g] + self.whirl[g].cross(x[i] - self.center[g])
+        return velocity

@@ -19,6 +19,7 @@ import taichi as ti
 from taichi_jello.physics.bounds import largest_dt
 from taichi_jello.physics.forces.springs import dashpot, hooke
 from taichi_jello.physics.integrators._base import Integrator, oscillator_matrix
+from taichi_jello.physics.integrators._budget import TRIES, Budget
 from taichi_jello.physics.integrators._implicit import solved
 from taichi_jello.physics.integrators._spin import Spin, solve_spd
 from taichi_jello.physics.integrators.symplectic_euler import SymplecticEuler
@@ -69,9 +70,11 @@ class XPBD(Integrator):
         self.colors = self._list_springs() if self.springs else 0
         self.spin = Spin(self.memory, self.body) if self.springs else None
         self.turns_by_mistake = self.spin is not None and self.spin.wanted
-        self.settles = 1 + self.colors + self.turns_by_mistake  # the first stage of settling
+        self.budget = Budget(self.memory, self.body, self.springs, self.spin) if self.springs else None
+        self.limits = 1 + self.colors + self.turns_by_mistake  # the first stage of limiting
+        self.settles = self.limits + (TRIES if self.springs else 0)  # the first stage of settling
         self.stages = self.settles + (ROUNDS if self.holding else 0)
-        if self.turns_by_mistake or self.holding:
+        if self.springs or self.holding:
             self.before = self.memory.vectors(self.name, "v before")
         if self.holding:
             self.ahead, self.change = (self.memory.vectors(self.name, name) for name in ("x ahead", "change of v"))
@@ -103,6 +106,9 @@ class XPBD(Integrator):
             if ti.static(self.turns_by_mistake):  # noqa: SIM102
                 if s == self.colors + 1:
                     self.spin.correct(system, first, last, self.state.x, self.state.v, self.before)
+            if ti.static(self.colors > 0):  # noqa: SIM102
+                if self.limits <= s < self.settles:
+                    self.limit(system, first, last, s - self.limits, dt)
             if ti.static(len(self.holding) > 0):  # noqa: SIM102
                 if s >= self.settles:
                     self.settle(system, first, last, s == self.settles, t + dt, dt)
@@ -114,6 +120,9 @@ class XPBD(Integrator):
             if ti.static(self.turns_by_mistake):
                 corrected = ti.select(s == self.colors + 1, last, first)
                 self.spin.correct(system, first, corrected, self.state.x, self.state.v, self.before)
+            if ti.static(self.colors > 0):
+                limited = ti.select(self.limits <= s < self.settles, last, first)
+                self.limit(system, first, limited, s - self.limits, dt)
             if ti.static(len(self.holding) > 0):
                 settled = ti.select(s >= self.settles, last, first)
                 self.settle(system, first, settled, s == self.settles, t + dt, dt)
@@ -122,13 +131,15 @@ class XPBD(Integrator):
     def push(self, system, first, last, t, dt):
         """v += dt f/m of the forces at the step's beginning."""
         system.wait_for_team()  # until x and v of all particles are there
+        if ti.static(self.colors > 0):
+            self.budget.begin(system, first, last)
         self.prepare_for(self.pushing, system, first, last, self.state.x, t)
         for i in range(first, last):
             total = ti.Vector([0.0, 0.0, 0.0])
             for force in ti.static(self.pushing):
                 total += force.on(i, self.state.x, self.state.v, t)
             self.state.v[i] = self.state.v[i] + dt * system.particles.inverse_mass(i) * total
-            if ti.static(self.turns_by_mistake):
+            if ti.static(self.colors > 0):
                 self.before[i] = self.state.v[i]
 
     @ti.func
@@ -155,10 +166,16 @@ class XPBD(Integrator):
         if ti.static(self.springs.damped):
             s += dashpot(inverse_length, d, w, m[2])
             rate += m[2]
+        self.budget.doubt(i, inverse_length * m[1])
         a, b = system.particles.inverse_mass(i), system.particles.inverse_mass(j)
         impulse = dt * s / (1.0 + dt * rate * (a + b)) * d
         self.state.v[i] = self.state.v[i] + a * impulse
         self.state.v[j] = self.state.v[j] - b * impulse
+
+    @ti.func
+    def limit(self, system, first, last, n, dt):
+        """Try n of keeping within the budget of energy."""
+        self.budget.limit(system, first, last, self.state.x, self.state.v, self.before, dt, n)
 
     @ti.func
     def settle(self, system, first, last, anew, t, dt):
