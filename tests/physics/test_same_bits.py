@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from taichi_jello import Box, Move, Pin, Plane, Room, Scene, Simulation, Snapshot, Sphere, runtime
+from taichi_jello import Box, Contact, Move, Pin, Plane, Room, Scene, Simulation, Snapshot, Sphere, runtime
 from taichi_jello.physics import system
 from taichi_jello.physics.bounds import stable_limit
 from taichi_jello.physics.forces._base import ParticleForce
@@ -124,7 +124,8 @@ def test_same_bits_in_every_form_where_energy_is_limited(request):
     arch, stiff = request.config.getoption("--arch"), {"stiffness": 1e5, "damping": 0.25}
     free = Box(points=(5, 6, 9), **stiff)
     held = Box(points=(4, 4, 4), position=(3.0, 0.0, 0.0), pin=[Pin(max=(0.0, 1.0, 1.0))], **stiff)
-    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[free, held, Box(points=(3, 3, 3), position=(6.0, 0.0, 0.0))])
+    rest, apart = Box(points=(3, 3, 3), position=(6.0, 0.0, 0.0)), Contact(touch=False)
+    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[free, held, rest], contact=apart)
     states = []
     for threads, form in ((1, {}), (2, {"team": 2}), (2, {"team": 0})) if arch == "cpu" else ((1, {}),) * 2:
         runtime.start(arch, "f32", threads)
