@@ -48,7 +48,7 @@ class AdaptiveStepper:
     def __init__(self, system: Any, integrator: Any):
         self.system, self.integrator, self.body = system, integrator, integrator.body
         self.implicit, self.explicit = Stepper(system, integrator), Stepper(system, integrator.explicit)
-        self.whole = RigidMotion(self.body)
+        self.whole = RigidMotion.of_body(self.body)
         self.flight = FreeFlight(system, self.body, self.whole)
         rest, first = self.body.rest, self.whole.first
         self.size = np.maximum(np.ptp([f.reduceat(rest, first) for f in (np.minimum, np.maximum)], axis=0).max(1), 1e-6)
@@ -116,8 +116,12 @@ class AdaptiveStepper:
                 self._drop()
                 flies[:] = False
                 v, found = now.v, self._step(now.x, now.v, index, length)
+                after = found
             else:
                 self._write(*flight.moved_on(found, now.whole, flies, length))
+                after = self._read()
+        if not flies.all():
+            self._write(after.x, flight.kept(now, after, flies, t + length, length))
             after = self._read()
         error = self._error(now.x, v, found.x, length, flies)
         if not np.isfinite(after.v).all() or (self._jolts(now, after, length) & ~flies).any() or error > 1.0:

@@ -42,24 +42,28 @@ class FreeFlight:
     def may_fly(self, x: np.ndarray, v: np.ndarray, whole: Motion, t: float, length: float) -> np.ndarray:
         """(J,) which jellos touch nothing at `t` [s] after the frame began, and come near to no other jello within
         `length` [s]. None where other forces act than gravity."""
+        self.alone = self.free & ~self.presses(t)  # by nothing but other jellos, if by anything
         if any(force.acts for force in self.others):
-            return np.zeros_like(self.free)
+            self.alone[:] = False
         looks = length * np.maximum(self.whole.speed(whole) / (HALF * self.thinnest), self._spin(whole) / HALF)
-        flies = self.free & (looks <= LOOKS) & ~self.presses(t)
-        return flies & self._apart(x, v, length) if self.mutual else flies
+        self.near = self._meetings(x, v, length)
+        return self.alone & (looks <= LOOKS) & ~self.near.any(1)
 
     def _spin(self, whole: Motion) -> np.ndarray:
         return np.linalg.norm(whole.spin, axis=1)
 
-    def _apart(self, x: np.ndarray, v: np.ndarray, length: float) -> np.ndarray:
-        """(J,) which jellos' boxes, with the straight ways of their particles, meet no other one's."""
+    def _meetings(self, x: np.ndarray, v: np.ndarray, length: float) -> np.ndarray:
+        """(J, J) which jellos' boxes, with the straight ways of their particles, meet; a jello meets itself where it
+        can touch itself."""
+        if not self.mutual:
+            return np.zeros((len(self.free),) * 2, bool)
         there, keeps = x + length * v, self.mutual[0].near.touching.radius + MARGIN * self.mutual[0].near.touching.spacing
         first = self.whole.first
         low = np.minimum.reduceat(np.minimum(x, there), first) - keeps[:, None]
         high = np.maximum.reduceat(np.maximum(x, there), first) + keeps[:, None]
         meet = np.all((low <= high[:, None]) & (low[:, None] <= high), axis=2)
         np.fill_diagonal(meet, self.mutual[0].near.itself)
-        return ~meet.any(1)
+        return meet
 
     def presses(self, t: float) -> np.ndarray:
         """(J,) which jellos a collider presses on where they are, `t` [s] after the frame began."""
@@ -101,6 +105,31 @@ class FreeFlight:
         arm = found.x - found.whole.centre[self.owner]
         x = centre[self.owner] + np.einsum("nij,nj->ni", turns, arm)
         return np.where(flies[self.owner, None], x, found.x), turns
+
+    def kept(self, now: Any, after: Any, flies: np.ndarray, t: float, length: float) -> np.ndarray:
+        """(N, 3) the velocities after a step up to `t` [s] from `now`, so that jellos which only each other and gravity
+        act on have together the momentum and the angular momentum that they must have: a solve ends at a tolerance."""
+        alone, v = self.alone & ~flies, after.v
+        if alone.any():
+            alone &= ~self.presses(t)
+        group, near = np.arange(len(alone)), self.near | np.eye(len(alone), dtype=bool)
+        for _ in group:  # the least number of all that hang together
+            group = np.where(near, group, len(group)).min(1)
+        for g in np.unique(group):
+            members = group == g
+            if alone[members].all():
+                v = self._with_momentum(now, after.x, v, members[self.owner], length)
+        return v
+
+    def _with_momentum(self, now: Any, x: np.ndarray, v: np.ndarray, own: np.ndarray, length: float) -> np.ndarray:
+        """v with what the particles `own` (N,) had before a free fall of that length."""
+        one = RigidMotion.of_one(self.whole.each[own])
+        before, after = one.of(now.x[own], now.v[own]), one.of(x[own], v[own])
+        faster = before.velocity + length * self.gravity() - after.velocity
+        spin = np.linalg.solve(after.inertia, (before.momentum - after.momentum)[..., None])[..., 0]
+        v = v.copy()
+        v[own] += faster + np.cross(spin, x[own] - after.centre)
+        return v
 
     def meets(self, write: Any, found: Any, whole: Motion, flies: np.ndarray, t: float, length: float) -> bool:
         """Whether one that flies comes to touch a collider on its way from `t` [s] on."""

@@ -24,11 +24,20 @@ class Motion:
 class RigidMotion:
     """Sums over the particles of each jello, in float64."""
 
-    def __init__(self, body: Body):
-        self.owner = body.jello
-        self.first = np.searchsorted(body.jello, np.arange(int(body.jello[-1]) + 1))
-        self.each = body.mass[:, None]
+    def __init__(self, owner: np.ndarray, each: np.ndarray):
+        """owner (N,): which jello each particle belongs to, in ascending order; each (N, 1): its mass [kg]."""
+        self.owner, self.each = owner, each
+        self.first = np.searchsorted(owner, np.arange(int(owner[-1]) + 1))
         self.mass = np.add.reduceat(self.each, self.first)
+
+    @classmethod
+    def of_body(cls, body: Body) -> "RigidMotion":
+        return cls(body.jello, body.mass[:, None])
+
+    @classmethod
+    def of_one(cls, each: np.ndarray) -> "RigidMotion":
+        """Of particles that are taken together."""
+        return cls(np.zeros(len(each), int), each)
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """(J, 3) of values (N, 3), by mass."""
