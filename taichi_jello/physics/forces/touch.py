@@ -1,7 +1,8 @@
 """Contact of jellos with each other and with themselves: penalty springs with dashpot and friction, equal and opposite.
 
 What a point feels that touches another jello (see physics/contacts.py), the triangle's corners feel the other way,
-shared by the place that is touched.
+shared by the place that is touched. Friction on a point that is deep below that place would be a couple and make angular
+momentum; so the corners also take a share of the normal force that has no sum and the torque of what acts at the point.
 
 Springs of contact can be too soft to stop what is fast and heavy before it is out on the other side. A point that comes
 near the middle of what it touches, its core, meets a dashpot there that is as hard as the step allows, for as long as
@@ -52,6 +53,8 @@ class Touch(ParticleForce):
             for name, values in zip(("first", "around", "in_it"), touching.rows, strict=True):
                 setattr(self, name, memory.table(self.title, f"points of each particle: {name}", values))
         self.force = memory.zeros(self.title, "forces", (AT_ONCE * self.points, 3))
+        if self.rubs:
+            self.tilt = memory.zeros(self.title, "normal forces of corners", (AT_ONCE * self.points, 3))
         self.approach = Approach(body, touching.thickness)
         self.lightest = memory.table(self.title, "lightest particle and mass", self._weights(body))
         self.stops = memory.table(self.title, "stops", np.zeros(2))
@@ -150,6 +153,8 @@ class Touch(ParticleForce):
     def press(self, contact, x, v):
         """The force [N] of a contact on its point."""
         n, depth, force = self.contacts.normal[contact], self.contacts.depth(contact, x), ti.Vector([0.0, 0.0, 0.0])
+        if ti.static(self.rubs):
+            self.tilt[contact] = force
         if depth > 0.0:
             counts, law = self.contacts.part(contact // AT_ONCE) * self.contacts.share[contact], self.contacts.law_of(contact)
             slide = self.contacts.between(contact, v)
@@ -159,8 +164,34 @@ class Touch(ParticleForce):
             self.damping[contact] = damping
             force = pressed * n
             if ti.static(self.rubs):
-                force += rub(pressed, slide - outwards * n, law[2], counts * law[3])
+                lever = -n.dot(self.contacts.between(contact, x))
+                slope_a, slope_b, turning = self.slopes(contact, n, v)
+                rubbed = rub(pressed, slide - outwards * n - lever * turning, law[2], counts * law[3])
+                a, b = lever * slope_a.dot(rubbed), lever * slope_b.dot(rubbed)
+                self.tilt[contact] = ti.Vector([a, b, -a - b])
+                force += rubbed
         return force
+
+    @ti.func
+    def slopes(self, contact, n, v):
+        """Of a contact within a triangle: how the weights of its first two corners grow with the place, and Σ slope
+        (n · v), by how much what lies a metre below the triangle moves along it as it turns. Else zero."""
+        corners, weights = self.contacts.corners[contact], self.contacts.weights[contact]
+        slope_a, slope_b, turning = 0.0 * n, 0.0 * n, 0.0 * n
+        if weights[0] != 0.0 and weights[1] != 0.0 and weights[2] > 0.0:
+            a, b, c = (
+                self.contacts.place[corners[0]],
+                self.contacts.place[corners[1]],
+                self.contacts.place[corners[2]],
+            )
+            across = (b - a).cross(c - a)
+            square = across.norm_sqr()
+            if square > 0.0:
+                slope_a, slope_b = across.cross(c - b) / square, across.cross(a - c) / square
+                last = n.dot(self.near.at(corners[2], v))
+                turning = slope_a * (n.dot(self.near.at(corners[0], v)) - last)
+                turning += slope_b * (n.dot(self.near.at(corners[1], v)) - last)
+        return slope_a, slope_b, turning
 
     @ti.func
     def felt(self, q):
@@ -170,6 +201,10 @@ class Touch(ParticleForce):
             contact, g = self.contacts.pressing(q, k)
             if g != 0.0:
                 force += g * self.force[contact]
+                if ti.static(self.rubs):
+                    for k in ti.static(range(3)):
+                        if self.contacts.corners[contact][k] == q:
+                            force -= self.tilt[contact][k] * self.contacts.normal[contact]
         return force
 
     @ti.func
@@ -252,7 +287,8 @@ class Touch(ParticleForce):
                 pressed = pressure(depth, outwards, counts * law[0], counts * damping)
                 total[0] += (pressed - counts * law[0] * depth) * outwards
                 if ti.static(self.rubs):
-                    across = slide - outwards * n
+                    lever = -n.dot(self.contacts.between(contact, x))
+                    across = slide - outwards * n - lever * self.slopes(contact, n, v)[2]
                     total[1] += rub(pressed, across, law[2], counts * law[3]).dot(across)
         return total
 
