@@ -68,6 +68,8 @@ def make_simulation(chosen: argparse.Namespace, scene: Scene) -> Simulation:
             raise Mistake(f"--from {chosen.from_state}: {error.strerror or error}") from None
         except ValueError as error:
             raise Mistake(f"--from {chosen.from_state}: {error}") from None
+    if simulation.method_told and chosen.command in ("run", "shot", "video"):
+        say(chosen, simulation.method_told)
     return simulation
 
 

@@ -95,6 +95,17 @@ class Simulation:
         return self.system.bound.dt
 
     @property
+    def method_told(self) -> str:
+        """A line on a method that takes longer steps than what swings, why it was chosen and what it takes out; empty
+        for the others."""
+        if not self.system.integrator.long_steps:
+            return ""
+        why = f", since {self.choice.reason}" if self.choice else ""
+        fades = self.system.integrator.fades_beyond(self.dt)
+        lost = f"; swings faster than {fades:.2g} Hz fade" if np.isfinite(fades) else ""
+        return f"method: {self.method}{why}{lost}"
+
+    @property
     def compiled(self) -> bool:
         """Whether this method has made a step before: the first one is compiled, which takes its time."""
         return self.method in self._ran

@@ -149,7 +149,7 @@ def next_method(viewer: "Viewer") -> None:
                 viewer.simulation.change_method(name)
             except ValueError:  # it has no safe step for this scene
                 continue
-            viewer.notice = f"method: {name}"
+            viewer.notice = viewer.simulation.method_told or f"method: {name}"
             if viewer.unsafe:
                 viewer.notice += f"; dt = {viewer.dt:.3g} s is beyond its safe {viewer.simulation.safe_dt:.3g} s"
             return

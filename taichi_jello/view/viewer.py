@@ -66,7 +66,7 @@ class Viewer:
         self.show = SHOWS.index(simulation.scene.camera.show)
         self.hand: Hand | None = None
         self.gauges = Gauges()
-        self.notice, self._repeated = "", self.repeating
+        self.notice, self._repeated = getattr(simulation, "method_told", ""), self.repeating
         self._culprit: tuple[float, Culprit | None] = 0.0, None
         self.pace.rest()
 

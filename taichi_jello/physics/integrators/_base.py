@@ -5,9 +5,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from taichi_jello.body import Body
-from taichi_jello.physics.bounds import Bound, largest_dt
+from taichi_jello.physics.bounds import Bound, largest_dt, spectral_radius
 from taichi_jello.physics.state import Memory, State
 from taichi_jello.physics.stepper import Stepper
+
+FADE = 0.1  # s
 
 
 class Integrator:
@@ -75,6 +77,13 @@ class Integrator:
     def automatic_dt(self, bound: Bound, frame_dt: float) -> float:
         """The step [s] that dt = "auto" asks for."""
         return bound.dt
+
+    def fades_beyond(self, dt: float) -> float:
+        """The frequency [Hz] beyond which undamped swings lose half of their amplitude within FADE, by steps of dt [s]
+        alone; infinite if none do."""
+        a = np.geomspace(1e-3, 50.0, 400)
+        fades = spectral_radius(self.amplification(a, np.zeros(1))) < 0.5 ** (dt / FADE)
+        return float(a[fades.argmax()] / (2.0 * np.pi * dt)) if fades.any() else float("inf")
 
     def tuned(self) -> None:
         """Numbers of a force have changed."""
