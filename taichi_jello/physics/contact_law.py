@@ -4,7 +4,8 @@ The workshop says: "Initially, set the ordinary and collision parameters the sam
 "auto" the points that a jello stands on are together HARDER times as stiff as it is as a bar, E A/H, with the damping
 time of its springs: in a cube of 8³ points that is 1.5 springs for each point. Softer contact lets a ball sink so deep
 into a sheet that it is braked as a whole; harder contact shortens the safe step and takes more of a bounce into swings.
-E A/H does not depend on how many points there are: a cube of 24³ points bounces as high as one of 8³ within 7 %. The
+No point gets more than a quarter of what all springs around a particle add up to, as in a thin slab: that would shorten
+the step. E A/H does not depend on how many points there are: a cube of 24³ points bounces as high as one of 8³ within 7 %. The
 springs' bound Λ grows by 5 % or less.
 """
 
@@ -17,6 +18,7 @@ from taichi_jello.scene import Scene
 
 AUTO = "auto"
 HARDER = 1.5  # times as stiff as the jello
+MOST = 0.5  # of the stiffness of all springs over the particles: a quarter of what each has around it
 SUNK = 0.02  # of its least extent, the most that a jello sinks in under its own weight
 SIDES = 6  # of a solid; it lies on one of them
 LENGTH = 0.1  # m, the extent of what has none
@@ -27,8 +29,9 @@ DAMPED = 0.1  # of the critical damping, of particles without springs
 def standing_points(body: Body) -> np.ndarray:
     """(J,) how many particles of each jello carry it where it lies on the ground; of a skin, by their shares."""
     jellos = int(body.jello.max()) + 1
-    bare = np.bincount(body.jello[np.unique(body.surface)], minlength=jellos).astype(float)
-    touching = np.where(bare > 0.0, bare / SIDES, np.bincount(body.jello, minlength=jellos))
+    solid = np.isin(np.arange(jellos), body.jello[body.cells[:, 0]])
+    surface = np.bincount(body.jello[np.unique(body.surface)], minlength=jellos)
+    touching = np.where(solid, surface / SIDES, np.bincount(body.jello, minlength=jellos))
     if len(body.skin_corners):
         skin = np.bincount(body.jello[body.skin_corners[:, 0]], shares(body), jellos) / SIDES
         touching = np.where(skin > 0.0, skin, touching)
@@ -79,10 +82,12 @@ def as_a_bar(body: Body, weight: np.ndarray) -> np.ndarray:
 
 def carrying(scene: Scene, body: Body) -> np.ndarray:
     """(J,) [N/m]: HARDER than the jello, or as much more as keeps it from sinking in too far by its weight."""
-    mass = np.bincount(body.jello, body.mass)
+    mass, points = np.bincount(body.jello, body.mass), standing_points(body)
     weight = mass * max(np.linalg.norm(g) for g in (scene.gravity, *(row.gravity for row in scene.keyframe)))
-    whole = np.maximum(HARDER * as_a_bar(body, body.stiffness), weight / (SUNK * least_extents(body)))
-    return np.where(whole > 0.0, whole, WITHOUT_SPRINGS * mass) / standing_points(body)
+    around = np.bincount(body.jello[body.springs[:, 0]], body.stiffness, len(mass)) / np.bincount(body.jello)
+    own = np.minimum(HARDER * as_a_bar(body, body.stiffness) / points, MOST * around)
+    found = np.maximum(own, weight / (SUNK * least_extents(body) * points))
+    return np.where(found > 0.0, found, WITHOUT_SPRINGS * mass / points)
 
 
 @ti.data_oriented
