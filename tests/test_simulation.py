@@ -184,7 +184,7 @@ def test_an_automatic_step_follows_what_changes():
     with pytest.raises(ValueError, match=r"the largest safe step of rk4 is .* implicit method"):
         simulation.tune(stiffness=1e15)
     assert simulation.substeps == thick and simulation.tuning["stiffness"] == 100.0
-    simulation.tune(stiffness=1.0, damping=1.0, contact_stiffness=2000.0)
+    simulation.tune(**simulation.first_tuning)
     assert simulation.substeps == before
 
 

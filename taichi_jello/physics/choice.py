@@ -40,8 +40,9 @@ class Choice:
         return scheme(self.method)
 
     def _choose(self, forces: tuple[Any, ...], damped: bool) -> tuple[str, str]:
-        lossless = CHEAPEST if damped else UNDAMPED  # with one evaluation a step
-        best = ACCURATE if self.body.damping.any() else lossless
+        best = ACCURATE
+        if self._keeps_its_energy(forces):
+            best = CHEAPEST if damped else UNDAMPED  # symplectic ones, with one evaluation a step
         if self.own_step:
             return best, "the step is given"
         costs = {name: self._cost(name, forces, damped) for name in dict.fromkeys((best, CHEAPEST))}
@@ -53,6 +54,11 @@ class Choice:
         if costs[cheapest] <= max(most, solved):
             return cheapest, told + (f", {cheapest} takes {costs[cheapest]:.0f}" if cheapest != best else "")
         return STIFF, f"{told}, {STIFF} steps take about {solved:.0f}"
+
+    def _keeps_its_energy(self, forces: tuple[Any, ...]) -> bool:
+        """Whether there are springs, and nothing but contact takes energy or brings any."""
+        others = [f for f in forces if f.energy_kind is None and not f.couples]
+        return len(self.body.springs) > 0 and not self.body.damping.any() and not any(f.acts for f in others)
 
     def _cost(self, name: str, forces: tuple[Any, ...], damped: bool) -> float:
         """Evaluations of all forces in a frame with an explicit method at its safe step."""

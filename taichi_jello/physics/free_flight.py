@@ -57,7 +57,10 @@ class FreeFlight:
         can touch itself."""
         if not self.mutual:
             return np.zeros((len(self.free),) * 2, bool)
-        there, keeps = x + length * v, self.mutual[0].near.touching.radius + MARGIN * self.mutual[0].near.touching.spacing
+        there, keeps = (
+            x + length * v,
+            self.mutual[0].near.touching.radius + MARGIN * self.mutual[0].near.touching.spacing,
+        )
         first = self.whole.first
         low = np.minimum.reduceat(np.minimum(x, there), first) - keeps[:, None]
         high = np.maximum.reduceat(np.maximum(x, there), first) + keeps[:, None]

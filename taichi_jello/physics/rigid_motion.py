@@ -1,4 +1,4 @@
-"""How each jello moves as a whole: its centre, velocity, spin and inertia, and the motion of a free one (NumPy only)."""
+"""How each jello moves as a whole: its centre, velocity, spin and inertia; and how a free one turns (NumPy only)."""
 
 from dataclasses import dataclass
 
@@ -77,7 +77,7 @@ def rotation(vector: np.ndarray) -> np.ndarray:
 
 
 def turned(motion: Motion, seconds: float) -> np.ndarray:
-    """(J, 3, 3) how jellos that no torque acts on turn in that time, by the midpoint rule (exact for a cube or ball)."""
+    """(J, 3, 3) how jellos without a torque turn in that time, by the midpoint rule (exact for a cube or a ball)."""
     half = rotation(0.5 * seconds * motion.spin)
     inertia = half @ motion.inertia @ np.swapaxes(half, 1, 2)
     spin = np.linalg.solve(inertia, motion.momentum[..., None])[..., 0]

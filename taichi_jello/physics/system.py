@@ -50,7 +50,13 @@ class System:
     """
 
     def __init__(
-        self, scene: Scene, body: Body, *, method: str | type[Integrator] | Any, team: int | None = None, ledger: bool = False
+        self,
+        scene: Scene,
+        body: Body,
+        *,
+        method: str | type[Integrator] | Any,
+        team: int | None = None,
+        ledger: bool = False,
     ):
         owner = runtime.current()
         self.team = self._choose_team(owner, len(body)) if team is None else team

@@ -25,7 +25,7 @@ from taichi_jello.shapes.lattice import Box
 from taichi_jello.simulation import Simulation
 from taichi_jello.studies import _busy
 from taichi_jello.studies._report import REPEATS, headline, machine, spread, take
-from taichi_jello.studies._scenes import STIFF, crowd_row, skin_row, stiff_row, voxel_row
+from taichi_jello.studies._scenes import STIFF, VISIBLE, crowd_row, skin_row, thrown_row, voxel_row
 from taichi_jello.studies._scenes import lines as scene_lines
 
 DT = 1e-6  # s; so short that nothing moves far: every pass does the same work
@@ -231,7 +231,8 @@ def pieces(arch: str, cases: list[dict[str, Any]], quick: bool, told: dict[str, 
     yield
     told["window"] = window_row(arch, 7 if quick else 20)
     yield
-    told["stiff"] = [stiff_row(arch, *case, 20 if quick else 60) for case in (STIFF[:1] if quick else STIFF)]
+    thrown = STIFF[:1] + VISIBLE[:1] if quick else STIFF + VISIBLE
+    told["thrown"] = [thrown_row(arch, *case, 20 if quick else 60) for case in thrown]
     yield
     told["crowd"] = crowd_row(arch, 0.5 if quick else 4.0)
     told["skin"], told["voxels"] = skin_row(arch, least, repeats), voxel_row(arch, least, repeats)

@@ -19,7 +19,7 @@ def test_dropped_cube_comes_to_rest_within_ten_seconds():
     assert simulation.energies()["kinetic"] < 1e-6
     y = simulation.x[:, 1]
     touching = np.count_nonzero(y < 0.0)
-    mean_static_depth = 9.81 / (scene.contact.stiffness * touching)
+    mean_static_depth = 9.81 / (simulation.tuning["contact_stiffness"] * touching)
     assert touching >= 64
     assert -y.min() <= 3 * mean_static_depth
 
@@ -91,7 +91,7 @@ def test_room_keeps_every_point_inside():
         simulation.frame()
         x = simulation.x
         # The deepest that one point alone can sink: v √(m/k), for the fastest corner at about 30 m/s.
-        depth = 30.0 * np.sqrt((1.0 / 512) / scene.contact.stiffness)
+        depth = 30.0 * np.sqrt((1.0 / 512) / simulation.tuning["contact_stiffness"])
         assert np.all(x > np.array(room.min) - depth) and np.all(x < np.array(room.max) + depth)
         walls |= np.concatenate([x.min(0) < room.min, x.max(0) > room.max])
     assert walls.all()

@@ -36,11 +36,11 @@ def small():
         Box(points=(3, 4, 4), size=(0.08, 0.2, 0.2), position=(x, 0.0, 0.01 * x), velocity=(v, 0.0, 0.0), stiffness=1e6)
         for x, v in ((0.0, 0.0), (-0.6, 20.0))
     ]
-    return Simulation(Scene(**WEIGHTLESS, jello=slabs))
+    return Simulation(Scene(**WEIGHTLESS, jello=slabs), method="backward-euler")
 
 
 def test_stiff_and_thin_ones_do_not_pass_at_twenty_metres_a_second(small):
-    assert small.method == "backward-euler" and small.substeps == 1  # a frame that nothing hurries is one step
+    assert small.substeps == 1  # a frame that nothing hurries is one step
     assert "in parts while jellos come at each other by more than 0.01 m a step" in text(facts(small))
     small.change_step(substeps=1)
     small.frame()
@@ -70,7 +70,7 @@ def test_what_is_thin_and_soft_does_not_pass_either(name, size, poses):
 
 def test_thin_ones_are_braked_as_they_touch_if_contact_s_springs_are_too_weak():
     """Where the edge of a strip comes on that of a sheet no point is near until they are through each other. A particle
-    of 1/25 kg stops on 2000 N/m within half of the distance, 0.0625 m, from up to 14 m/s."""
+    of 1/25 kg stops on springs of contact within half of the distance, 0.0625 m, from up to a limit."""
     (told,) = thrown(Pair("sheet", "strip").simulation("auto"), 1.0, [47])
     assert not told["through"]
     sheet = Sheet(points=(5, 5), size=(1.0, 1.0), damping=0.0)
@@ -78,7 +78,7 @@ def test_thin_ones_are_braked_as_they_touch_if_contact_s_springs_are_too_weak():
     simulation = Simulation(Scene(**WEIGHTLESS, jello=jello), method="rk4", ledger=True)
     v = np.where((simulation.body.jello == 1)[:, None], [0.0, -1.0, 0.0], 0.0)
     half = 2.0 * THICKNESS["sheet"] * 0.25 * HALFWAY
-    limit = half * np.sqrt(simulation.scene.contact.stiffness * 25.0)
+    limit = half * np.sqrt(simulation.tuning["contact_stiffness"] * 25.0)
     lost = []
     for speed in (0.9 * limit, 1.1 * limit):
         simulation.restore(Snapshot(0.0, simulation.body.x, speed * v))
@@ -202,7 +202,7 @@ def test_a_ball_that_melts_does_not_leave_its_inside_in_the_ground():
     body, x = simulation.body, simulation.x
     assert body.inside.sum() > 20
     # The springs of contact carry one particle's weight, at most all that lie upon each other in a column.
-    static = 9.81 * body.mass.max() * 6 / simulation.scene.contact.stiffness
+    static = 9.81 * body.mass.max() * 6 / simulation.tuning["contact_stiffness"]
     assert x[body.inside, 1].min() > -10.0 * static and body.skin_points(x)[:, 1].min() > -10.0 * static
 
 

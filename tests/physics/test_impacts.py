@@ -64,7 +64,7 @@ def test_nothing_gets_below_the_ground():
     simulation = dropped(Plane(), fall=SOFT, method="rk4")
     for speed in (100.0, 1000.0):
         low, energy = thrown(simulation, speed)
-        assert low > -speed * np.sqrt(0.1 / simulation.scene.contact.stiffness)
+        assert low > -speed * np.sqrt(0.1 / simulation.tuning["contact_stiffness"])
         assert simulation.x[:, 1].min() > -0.01 and energy.max() < energy[0] * (1.0 + 1e-4)
 
 

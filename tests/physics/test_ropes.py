@@ -77,7 +77,7 @@ def least_distance(x, i, others):
 
 def test_between_its_points_a_rope_is_kept_as_far_as_at_them(crossed):
     """Kept apart by points alone, half a segment from where they cross, they had a push that went to nothing."""
-    apart, k, found = 2.0 * THICKNESS["rope"], crossed.scene.contact.stiffness, []
+    apart, k, found = 2.0 * THICKNESS["rope"], crossed.tuning["contact_stiffness"], []
     for height in (0.9, 0.5, 0.2, 0.01):
         x = across(height)
         depth = [apart - least_distance(x[4 * j :][:4], i, x[4 * (1 - j) :][:4]) for j in (0, 1) for i in range(4)]

@@ -26,7 +26,7 @@ def test_a_ball_rests_on_its_skin():
     assert simulation.energies()["kinetic"] < 1e-6
     points = simulation.body.skin_points(simulation.x)
     depth = np.maximum(-points[:, 1], 0.0)
-    carried = scene.contact.stiffness * (shares(simulation.body) @ depth)
+    carried = simulation.tuning["contact_stiffness"] * (shares(simulation.body) @ depth)
     assert carried == pytest.approx(9.81, rel=1e-3)
     assert 0.0 < depth.max() < 0.02 and simulation.x[:, 1].min() < -depth.max()
 

@@ -175,7 +175,7 @@ def test_a_corner_that_comes_in_over_an_edge_is_not_pressed_at_once_as_deep_as_i
         crash.restore(Snapshot(0.0, x, np.zeros_like(x)))
         energy.append(crash.energies()["contact"])
     # Of what other points store a little changes with the corner's place: by 2 mm of their depth, about 0.1 m too.
-    assert energy[0] > 0.0 and abs(energy[1] - energy[0]) < 0.1 * 0.5 * crash.scene.contact.stiffness * depth**2
+    assert energy[0] > 0.0 and abs(energy[1] - energy[0]) < 0.1 * 0.5 * crash.tuning["contact_stiffness"] * depth**2
 
 
 def test_a_jello_thrown_at_twenty_metres_a_second_does_not_pass():

@@ -27,12 +27,13 @@ def test_ctrl_c_keeps_what_was_measured(monkeypatch):
     told["crowd"] = {"seconds": 4.0, "threads": 2, "ms": 12.3, "worst_ms": 20.0, "last_ms": 10.0, "real_time_ms": 16.7,
                      "search_share": 0.21}  # fmt: skip
     told["busy"] = {"n": 32, "million_springs_per_second": {"one thread": 500.0, "watching": 450.0}, "of_the_best": 0.9}
-    told["stiff"] = [{"n": 16, "stiffness": 46666.7, "times_real_time": 1.44}]
+    times = {"ms": 1.44, "median_ms": 1.1, "worst_ms": 9.0}
+    told["thrown"] = [{"n": 16, "stiffness": 46666.7, "method": "adaptive"} | times]
     assert 30_000 < told["skin"]["points"] < 45_000 and told["skin"]["min_ms"] > 0.0
     assert 70_000 < told["voxels"]["triangles"] < 90_000
     page = speed.text(told)
     assert "window: not measured: no Vulkan driver works here" in page
-    assert "16³ points, k = 4.67e+04 N/m" in page and "1.4 times real time" in page
+    assert "16³ points, k = 4.67e+04 N/m" in page and "adaptive, 1.4 ms a frame in the mean" in page
     assert "12.3 ms a frame" in page and "contact search 21 % of it" in page
     assert "one thread 500, watching 450; watching is 0.90 of the best" in page
     assert "points carried along" in page and "voxelised at 48 cells" in page

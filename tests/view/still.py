@@ -13,6 +13,7 @@ from taichi_jello.shapes.lattice import Box
 class Still:
     """A body that is where the test puts it; frame() lifts it by 5 cm. `calls` are what it was asked while it ran."""
 
+    method_told = ""
     method, substeps, dt, safe_dt = "rk4", 10, 1.0 / 600.0, 1.0 / 500.0
 
     def __init__(self, scene: Scene):

@@ -1,8 +1,8 @@
 """Contact of jellos with each other and with themselves: penalty springs with dashpot and friction, equal and opposite.
 
 What a point feels that touches another jello (see physics/contacts.py), the triangle's corners feel the other way,
-shared by the place that is touched. Friction on a point that is deep below that place would be a couple and make angular
-momentum; so the corners also take a share of the normal force that has no sum and the torque of what acts at the point.
+shared by the place that is touched. Friction on a point that is deep below that place would be a couple and make
+angular momentum: so the corners also feel forces along the normal that have no sum and take that torque up.
 
 Springs of contact can be too soft to stop what is fast and heavy before it is out on the other side. A point that comes
 near the middle of what it touches, its core, meets a dashpot there that is as hard as the step allows, for as long as
@@ -156,7 +156,10 @@ class Touch(ParticleForce):
         if ti.static(self.rubs):
             self.tilt[contact] = force
         if depth > 0.0:
-            counts, law = self.contacts.part(contact // AT_ONCE) * self.contacts.share[contact], self.contacts.law_of(contact)
+            counts, law = (
+                self.contacts.part(contact // AT_ONCE) * self.contacts.share[contact],
+                self.contacts.law_of(contact),
+            )
             slide = self.contacts.between(contact, v)
             outwards = slide.dot(n)
             damping = law[1] + self.stopping(contact, depth, outwards)

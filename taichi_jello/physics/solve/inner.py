@@ -208,7 +208,8 @@ class TwoLevel(Blocks):
         """1 over the diagonal of A; the inverse of its coarse matrix, as stiff as its stiffest what moves no particle;
         and which nodes those of each pass are tied to."""
         diagonal, coarse = (
-            sum(part[k] * power for part, power in zip(self.parts, (c**-2.0, 1.0, 1.0 / c), strict=True)) for k in (0, 1)
+            sum(part[k] * power for part, power in zip(self.parts, (c**-2.0, 1.0, 1.0 / c), strict=True))
+            for k in (0, 1)
         )
         found = np.pad(np.where(self.body.pinned, 0.0, 1.0 / diagonal), (0, self.memory.padded - len(self.body)))
         inverse = np.linalg.inv(coarse + (np.diag(coarse).max() or 1.0) * self.unmoving)
