@@ -84,7 +84,8 @@ def last_moment(path: Path, body: Body) -> Snapshot:
                 if name in arrays and (arrays[name].shape != own.shape or not np.allclose(arrays[name], own, close)):
                     raise ValueError(f"{name}: expected a state of this scene, it is of another one")
             memory = {name.removeprefix(MEMORY): arrays[name] for name in arrays if name.startswith(MEMORY)}
-            shapes = ((), (len(body.springs),), (int(body.jello.max()) + 1,), body.x.shape)
+            jellos = int(body.jello.max()) + 1
+            shapes = ((), (len(body.springs),), (jellos,), (jellos, 6), body.x.shape)
             if any(values.shape not in shapes for name, values in memory.items() if not name.startswith(TANGLE)):
                 raise ValueError("memory: expected a state of this scene, it is of another one")
             time = float(arrays["time"].ravel()[-1]) if "time" in arrays and arrays["time"].size else 0.0

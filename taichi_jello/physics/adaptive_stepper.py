@@ -169,7 +169,8 @@ class AdaptiveStepper:
         past = self.integrator.past
         changed = np.hstack([after.whole.velocity - now.whole.velocity, after.whole.spin - now.whole.spin])
         smooth = 0 if flies is None else int(past.get("smooth", 0)) + 1
-        past |= {"gain": changed / length, "smooth": np.array(smooth), "flies": np.array(flies)}
+        flew = np.zeros(len(self.size), bool) if flies is None else flies.copy()
+        past |= {"gain": changed / length, "smooth": np.array(smooth), "flies": flew}
         past.pop("before", None)
         if smooth > 1:
             past |= {"before": v, "lasted": np.array(length)}
