@@ -132,6 +132,19 @@ def test_a_long_step_warns_once(jello, small):
     assert done.stderr.count("beyond the largest safe step of rk4") == 1 and len(done.stderr.splitlines()) == 1
 
 
+def test_a_method_whose_steps_are_long_is_told(here, small):
+    told = "method: backward-euler; swings faster than "
+    arguments = "run", small, "-o", "out.npz", "--seconds", "0"
+    done = here(*arguments, "--method", "backward-euler")
+    assert done.returncode == 0 and (done.stdout + done.stderr).count(told) == 1, done.stderr
+    done = here(*arguments, "--method", "backward-euler", "--quiet")
+    assert done.returncode == 0 and "method:" not in done.stdout + done.stderr
+    done = here(*arguments)
+    assert done.returncode == 0 and "method:" not in done.stdout + done.stderr
+    done = here(*arguments, "--set", "jello.0.stiffness=1e9")
+    assert "method: adaptive, since a frame takes rk4" in done.stdout + done.stderr
+
+
 def test_a_step_longer_than_a_frame_is_told(jello, small):
     done = jello("run", small, "-o", "out.npz", "--dt", "0.1", "--seconds", "0")
     assert done.returncode == 0
