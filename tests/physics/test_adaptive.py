@@ -125,6 +125,21 @@ def test_a_free_spin_needs_no_short_steps(set_out):
     assert int(cube.snapshot().memory["adaptive.level"]) == 0
 
 
+@pytest.mark.xfail(strict=True, reason="a speed that a step begins with is no force: SDIRK2 ends on the other side")
+def test_what_spins_is_stretched(set_out):
+    """By 1e-4 at k = 1e5, where a step left it squeezed by 5e-4."""
+    cube = set_out(5, STILL, 3.0, STILL)
+    rest = lattice(cube)
+    cube.tune(stiffness=0.01)
+    try:
+        set_out(5, STILL, 3.0, np.cross([0.0, SPIN, 0.0], rest))
+        cube.step()
+        now = cube.x.astype(float) - cube.x.astype(float).mean(0)
+        assert np.linalg.norm(now[:, [0, 2]]) > np.linalg.norm(rest[:, [0, 2]])
+    finally:
+        cube.tune(stiffness=1.0)
+
+
 FALLS = {"flat": None, "askew": rotation(np.array([[0.3, 0.1, 0.5]]))[0]}
 
 
@@ -137,7 +152,7 @@ def rebound(cube, place):
 
 @pytest.mark.parametrize("name", FALLS)
 def test_a_rebound_is_that_of_rk4_at_its_own_step_however_long_a_frame_is(name, set_out):
-    """Within 5 % of the speed that it comes with, at 24 and at 240 frames a second; measured: 1.2 % and less."""
+    """Within 5 % of the speed that it comes with, at 24 and at 240 frames a second; measured: 1.2 % and 0.1 %."""
     turn = FALLS[name]
     start = (
         1,
