@@ -48,6 +48,7 @@ class AdaptiveStepper:
     def __init__(self, system: Any, integrator: Any):
         self.system, self.integrator, self.body = system, integrator, integrator.body
         self.implicit, self.explicit = Stepper(system, integrator), Stepper(system, integrator.explicit)
+        self._pushed = False
         self.whole = RigidMotion.of_body(self.body)
         self.flight = FreeFlight(system, self.body, self.whole)
         rest, first = self.body.rest, self.whole.first
@@ -69,14 +70,14 @@ class AdaptiveStepper:
                 level += 1
             length, index = dt / (1 << level), step * (1 << level) + done // (parts >> level)
             if level == deepest:
-                after, easy = self._explicitly(now, index, length, limit)
+                taken, easy = self._explicitly(now, index, length, limit)
             else:
-                after, easy = self._implicitly(now, index, length)
-            if after is None:
+                taken, easy = self._implicitly(now, index, length)
+            if taken is None:
                 self._write(now.x, now.v)
                 level += 1
                 continue
-            now, done = after, done + (parts >> level)
+            now, done = taken, done + (parts >> level)
             level -= int(easy and level > 0)
         self.integrator.past["level"] = np.array(level)
 
@@ -96,7 +97,7 @@ class AdaptiveStepper:
         self.system.good.write(np.hstack([x, v]).astype(self.system.memory.number))
         self.system.forget()
 
-    def _explicitly(self, now: Moment, index: int, length: float, limit: float) -> tuple[Moment, bool]:
+    def _explicitly(self, now: Moment, index: int, length: float, limit: float) -> tuple[Moment | None, bool]:
         """Go on by RK4. Also tells whether all jellos move as wholes as they did."""
         steps = max(1, ceil(length / limit * (1.0 - 1e-9)))
         self.explicit.take(index * steps, (index + 1) * steps, length / steps)
@@ -109,16 +110,16 @@ class AdaptiveStepper:
         """Go on by an implicit step, None if it is not accurate. Also tells whether one twice as long may be."""
         t, flight = index * length, self.flight
         flies = flight.may_fly(now.x, now.v, now.whole, t, length)
-        v = flight.at_rest(now.x, now.v, now.whole, flies, length)
-        found = after = self._step(now.x, v, index, length)
+        v, push = flight.at_rest(now.x, now.v, now.whole, flies)
+        found = after = self._step(now.x, v, push, index, length)
         if flies.any():
             if flight.meets(self._write, found, now.whole, flies, t, length):
                 self._drop()
                 flies[:] = False
-                v, found = now.v, self._step(now.x, now.v, index, length)
+                v, found = now.v, self._step(now.x, now.v, 0.0 * push, index, length)
                 after = found
             else:
-                self._write(*flight.moved_on(found, now.whole, flies, length))
+                self._write(*flight.moved_on(flight.straight(now.x, found), now.whole, flies, length))
                 after = self._read()
         if not flies.all():
             self._write(after.x, flight.kept(now, after, flies, t + length, length))
@@ -132,9 +133,12 @@ class AdaptiveStepper:
         self._accept(now, after, length, flies, v)
         return after, error < EASY
 
-    def _step(self, x: np.ndarray, v: np.ndarray, index: int, length: float) -> Moment:
-        """An implicit step from x and v."""
+    def _step(self, x: np.ndarray, v: np.ndarray, push: np.ndarray, index: int, length: float) -> Moment:
+        """An implicit step from x and v, with a push (N, 3) [m/s²] besides what forces do."""
         self._write(x, v)
+        if self._pushed or push.any():
+            self.integrator.set_push(push.astype(self.system.memory.number))
+            self._pushed = bool(push.any())
         self.implicit.take(index, index + 1, length)
         return self._read()
 

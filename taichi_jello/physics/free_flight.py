@@ -3,9 +3,10 @@
 An implicit step slows down whatever turns, the more the farther it turns in one. So the motion of a free jello as a
 whole is taken out of its velocities before the step, and the jello is moved on by it afterwards: with its momentum and
 angular momentum kept to rounding, falling as g t²/2 says. In the frame that moves with it there are the centrifugal and
-the Coriolis force, which the step begins with as a push that has no momentum.
+the Coriolis force, as they are where the step begins.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -82,14 +83,21 @@ class FreeFlight:
             for force in ti.static(self.with_colliders):
                 energy[i] += force.energy(i, self.system.state.x, t)
 
-    def at_rest(self, x: np.ndarray, v: np.ndarray, whole: Motion, flies: np.ndarray, length: float) -> np.ndarray:
-        """(N, 3) v without how the jellos that fly move as wholes, and with the push of the forces that there are in
-        the frame which turns with them, -ω × (ω × ρ) - 2 ω × u."""
+    def at_rest(self, x: np.ndarray, v: np.ndarray, whole: Motion, flies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N, 3) v without how the jellos that fly move as wholes; and [m/s²] the forces on a kilogram in the frame that
+        turns with them, -ω × (ω × ρ) - 2 ω × u, without what would move a jello as a whole."""
         spin, arm = whole.spin[self.owner], x - whole.centre[self.owner]
         u = v - self.whole.field(whole, x)
-        u -= length * (np.cross(spin, np.cross(spin, arm)) + 2.0 * np.cross(spin, u))
-        u -= self.whole.field(self.whole.of(x, u), x)
-        return np.where(flies[self.owner, None], u, v)
+        push = -np.cross(spin, np.cross(spin, arm)) - 2.0 * np.cross(spin, u)
+        push -= self.whole.field(self.whole.of(x, push), x)
+        own = flies[self.owner, None]
+        return np.where(own, u, v), np.where(own, push, 0.0)
+
+    def straight(self, x: np.ndarray, found: Any) -> Any:
+        """What a step from x has found, without the little that the solve has turned it by."""
+        slip = self.whole.of(x, found.x - x)
+        arm = found.x - found.whole.centre[self.owner]
+        return replace(found, x=found.x - np.cross(slip.spin[self.owner], arm))
 
     def moved_on(self, found: Any, whole: Motion, flies: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
         """x and v, (N, 3) each, of what a step without that motion has found, with it."""

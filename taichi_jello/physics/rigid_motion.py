@@ -7,6 +7,8 @@ import numpy as np
 from taichi_jello.body import Body
 
 LEAST = 1e-9  # of a jello's inertia: what a rope has about itself
+EVEN = 1e-4  # of its inertia, by which it may differ between axes
+PART, MOST = 0.05, 200  # radians in one step of a turn, and steps
 
 
 @dataclass(frozen=True)
@@ -77,8 +79,16 @@ def rotation(vector: np.ndarray) -> np.ndarray:
 
 
 def turned(motion: Motion, seconds: float) -> np.ndarray:
-    """(J, 3, 3) how jellos without a torque turn in that time, by the midpoint rule (exact for a cube or a ball)."""
-    half = rotation(0.5 * seconds * motion.spin)
-    inertia = half @ motion.inertia @ np.swapaxes(half, 1, 2)
-    spin = np.linalg.solve(inertia, motion.momentum[..., None])[..., 0]
-    return rotation(seconds * spin)
+    """(J, 3, 3) how jellos without a torque turn in that time: by the midpoint rule, in parts of PART where some do not
+    turn evenly as a cube does."""
+    even = np.ptp(np.linalg.eigvalsh(motion.inertia), axis=1) <= EVEN * np.trace(motion.inertia, axis1=1, axis2=2)
+    angle = np.linalg.norm(motion.spin, axis=1)[~even].max(initial=0.0) * seconds
+    parts = max(1, min(MOST, int(np.ceil(angle / PART))))
+    inertia, spin, turns = motion.inertia, motion.spin, np.broadcast_to(np.eye(3), motion.inertia.shape)
+    for _ in range(parts):
+        half = rotation(0.5 * seconds / parts * spin)
+        midway = half @ inertia @ np.swapaxes(half, 1, 2)
+        turn = rotation(seconds / parts * np.linalg.solve(midway, motion.momentum[..., None])[..., 0])
+        turns, inertia = turn @ turns, turn @ inertia @ np.swapaxes(turn, 1, 2)
+        spin = np.linalg.solve(inertia, motion.momentum[..., None])[..., 0]
+    return turns

@@ -107,7 +107,6 @@ def test_a_free_spin_keeps_its_angular_momentum_and_turns_by_the_right_angle(axi
     assert np.abs(cube.x.mean(0) - [0.0, 3.0, 0.0]).max() < 1e-5
 
 
-@pytest.mark.xfail(strict=True, reason="the push of the centrifugal force carries the start of the solve past the axis")
 def test_a_step_of_more_than_two_radians_is_no_other_turn(set_out):
     cube = set_out(1, STILL, 3.0, STILL)
     rest = lattice(cube)
@@ -116,7 +115,6 @@ def test_a_step_of_more_than_two_radians_is_no_other_turn(set_out):
     assert turned_off(cube.x.astype(float), (rotation(np.array([[0.0, SPIN * FRAME, 0.0]]))[0], rest)) < 1e-3
 
 
-@pytest.mark.xfail(strict=True, reason="that push is taken for a speed where the error of a step is told")
 def test_a_free_spin_needs_no_short_steps(set_out):
     cube = set_out(5, STILL, 3.0, STILL)
     set_out(5, STILL, 3.0, np.cross([0.0, SPIN / 2.0, 0.0], lattice(cube)))
@@ -125,7 +123,6 @@ def test_a_free_spin_needs_no_short_steps(set_out):
     assert int(cube.snapshot().memory["adaptive.level"]) == 0
 
 
-@pytest.mark.xfail(strict=True, reason="a speed that a step begins with is no force: SDIRK2 ends on the other side")
 def test_what_spins_is_stretched(set_out):
     """By 1e-4 at k = 1e5, where a step left it squeezed by 5e-4."""
     cube = set_out(5, STILL, 3.0, STILL)

@@ -84,7 +84,8 @@ def test_a_point_rests_on_a_tilted_plane_or_slides_down_it():
 
 def test_room_keeps_every_point_inside():
     room = Room(min=(-1.2, 0.0, -1.2), max=(1.2, 2.4, 1.2))
-    scene = Scene(jello=[Box(position=(0.0, 1.2, 0.0), velocity=(8.0, 6.0, 7.0))], collider=[room])
+    box = Box(position=(0.0, 1.2, 0.0), velocity=(8.0, 6.0, 7.0))
+    scene = Scene(jello=[box], collider=[room], contact=Contact(stiffness=2000.0, damping=0.5))
     simulation = Simulation(scene)
     walls = np.zeros(6, bool)
     for _ in range(240):
