@@ -1,6 +1,6 @@
 """A cube of 8×8×8 points falls, bounces off the ground, a sphere and the walls of its room, and comes to rest."""
 
-from taichi_jello import Box, Camera, Room, Scene, Sphere
+from taichi_jello import Box, Camera, Contact, Room, Scene, Sphere
 
 
 def scene() -> Scene:
@@ -20,5 +20,6 @@ def scene() -> Scene:
             Room(min=(-1.6, 0.0, -1.3), max=(1.6, 4.0, 1.3)),
             Sphere(center=(-0.2, 0.1, 0.0), radius=0.45),
         ],
+        contact=Contact(stiffness=2000.0, damping=0.5),
         camera=Camera(eye=(3.2, 2.6, 5.4), target=(0.0, 1.15, 0.0)),
     )

@@ -1,6 +1,6 @@
 """A cube with a soft lower half and a hard core in the upper one lands and sags where it is soft."""
 
-from taichi_jello import Box, Camera, Plane, Region, Scene
+from taichi_jello import Box, Camera, Contact, Plane, Region, Scene
 
 
 def scene() -> Scene:
@@ -22,5 +22,6 @@ def scene() -> Scene:
             )
         ],
         collider=[Plane()],
+        contact=Contact(stiffness=2000.0, damping=0.5),
         camera=Camera(eye=(2.0, 1.6, 3.0), target=(0.0, 0.5, 0.0), color="stiffness"),
     )

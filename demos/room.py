@@ -17,7 +17,7 @@ def scene() -> Scene:
                 damping=0.01,
             )
         ],
-        contact=Contact(damping=0.05, friction=0.1),
+        contact=Contact(stiffness=2000.0, damping=0.05, friction=0.1),
         collider=[Room(min=(-1.3, 0.0, -1.3), max=(1.3, 2.6, 1.3))],
         camera=Camera(eye=(2.9, 2.2, 4.8), target=(0.0, 1.1, 0.0)),
     )

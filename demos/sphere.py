@@ -1,6 +1,6 @@
 """A cube bounces off two spheres; one of them swings to and fro and kicks it."""
 
-from taichi_jello import Box, Camera, Plane, Scene, Sphere
+from taichi_jello import Box, Camera, Contact, Plane, Scene, Sphere
 
 
 def scene() -> Scene:
@@ -13,5 +13,6 @@ def scene() -> Scene:
             Sphere(center=(0.0, 0.35, 0.0), radius=0.5),
             Sphere(center=(1.5, 0.4, 0.0), radius=0.4, swing=(0.7, 0.0, 0.0), period=1.5),
         ],
+        contact=Contact(stiffness=2000.0, damping=0.5),
         camera=Camera(eye=(2.4, 2.2, 4.6), target=(0.5, 0.6, 0.0)),
     )

@@ -1,6 +1,6 @@
 """A slab is pulled at both ends by handles until it tears in two where it is soft."""
 
-from taichi_jello import Box, Camera, Move, Pin, Plane, Region, Scene
+from taichi_jello import Box, Camera, Contact, Move, Pin, Plane, Region, Scene
 
 PULL = 0.7  # m that each end travels
 
@@ -32,5 +32,6 @@ def scene() -> Scene:
             )
         ],
         collider=[Plane()],
+        contact=Contact(stiffness=2000.0, damping=0.5),
         camera=Camera(eye=(0.6, 1.9, 3.2), target=(0.05, 0.7, 0.0)),
     )

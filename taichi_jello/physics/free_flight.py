@@ -84,7 +84,7 @@ class FreeFlight:
                 energy[i] += force.energy(i, self.system.state.x, t)
 
     def at_rest(self, x: np.ndarray, v: np.ndarray, whole: Motion, flies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N, 3) v without how the jellos that fly move as wholes; and [m/s²] the forces on a kilogram in the frame that
+        """(N, 3) v without how the jellos that fly move as wholes; and [m/s²] the forces on a kilogram in a frame that
         turns with them, -ω × (ω × ρ) - 2 ω × u, without what would move a jello as a whole."""
         spin, arm = whole.spin[self.owner], x - whole.centre[self.owner]
         u = v - self.whole.field(whole, x)
