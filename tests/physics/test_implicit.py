@@ -118,7 +118,9 @@ UNEQUAL = {
 
 def landing(**springs):
     cube = Box(points=(4, 4, 4), position=(0.0, 0.55, 0.0), velocity=(0.0, -2.0, 0.0), **springs)
-    return Simulation(Scene(jello=[cube], collider=[Plane()], contact=Contact(stiffness=2000.0, damping=1.0)), method="backward-euler")
+    return Simulation(
+        Scene(jello=[cube], collider=[Plane()], contact=Contact(stiffness=2000.0, damping=1.0)), method="backward-euler"
+    )
 
 
 @pytest.fixture(scope="module")

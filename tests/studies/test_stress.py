@@ -21,7 +21,7 @@ def taichi(best_precision):
 def test_a_case_passes_fails_or_is_refused():
     flat = replace(BY_NAME["flat, 1 % thick"], seconds=1.0)
     well = stress.stand(flat, "auto")
-    assert well["verdict"] == "ok" and well["passes"] and well["method"] == "backward-euler"
+    assert well["verdict"] == "ok" and well["passes"] and well["method"] == "rk4"
     assert well["rise"] == pytest.approx(0.0, abs=1e-5) and well["evaluations"] > 0
     late = replace(BY_NAME["melted, k = 0"], demand=lambda simulation, start: "not what it should be")
     assert stress.stand(late, "rk4")["verdict"] == "not what it should be"
