@@ -22,6 +22,7 @@ from taichi_jello import (
 )
 
 FALLING = {"collider": [Plane()]}
+HARD = Contact(stiffness=2000.0, damping=0.5)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -39,11 +40,12 @@ def told(scene):
 def test_a_jello_too_heavy_for_its_contact_springs():
     """2000 kg on a sixth of the 296 points of its surface, 2000 N/m each."""
     heavy = Box(position=(0.0, 0.5, 0.0), mass=2000.0, stiffness=1e5)
-    (words,) = told(Scene(jello=[heavy], **FALLING))
+    (words,) = told(Scene(jello=[heavy], contact=HARD, **FALLING))
     assert words.startswith("jello.0: 2e+03 kg on contact springs of 2000 N/m sinks in by about 0.2 m")
     assert "contact.stiffness = 4e+04 would carry it" in words
     assert not told(Scene(jello=[heavy], contact=Contact(stiffness=4e4), **FALLING))
-    assert not told(Scene(jello=[heavy]))  # there is nothing to sink into
+    assert not told(Scene(jello=[heavy], **FALLING))  # by default it is as hard as the jello
+    assert not told(Scene(jello=[heavy], contact=HARD))  # there is nothing to sink into
 
 
 def test_jellos_that_are_thrown_out_of_where_they_begin():
@@ -51,9 +53,10 @@ def test_jellos_that_are_thrown_out_of_where_they_begin():
     (words,) = told(Scene(jello=[Box(**small)], **FALLING))
     assert words.startswith("jello.0 comes to ") and "begins inside the ground or another jello" in words
     sheets = [Sheet(points=(5, 5), size=(1.0, 1.0), position=(0.0, y, 0.0)) for y in (1.0, 1.05)]
-    assert len(told(Scene(jello=sheets))) == 2
+    assert len(told(Scene(jello=sheets, contact=HARD))) == 2
     rope = Rope(points=9, length=1.0, position=(0.0, 3.0, 0.0))  # crossed ropes throw each other's middles apart
-    assert len(told(Scene(jello=[rope, replace(rope, rotation=(0.0, 80.0, 0.0), pin=[Pin(max=(0.0, 1.0, 1.0))])]))) == 2
+    crossed = replace(rope, rotation=(0.0, 80.0, 0.0), pin=[Pin(max=(0.0, 1.0, 1.0))])
+    assert len(told(Scene(jello=[rope, crossed], contact=HARD))) == 2
     held, moved = (
         Pin(min=(0, 1, 0)),
         Pin(min=(0, 1, 0), keyframe=[Move(time=0.0, offset=(0, 0, 0)), Move(time=1.0, offset=(0, 1, 0))]),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from reference import elastic_energy, spring_forces, twisted
 
-from taichi_jello import Box, Plane, Scene, Simulation, Snapshot
+from taichi_jello import Box, Contact, Plane, Scene, Simulation, Snapshot
 
 STILL = (0.0, 0.0, 0.0)
 
@@ -80,7 +80,8 @@ def test_turned_and_moved_input_gives_turned_and_moved_output(cube, forces, rand
 
 
 def test_symmetric_drop_stays_symmetric():
-    simulation = Simulation(Scene(jello=[Box(position=(0.0, 0.8, 0.0))], collider=[Plane()]))
+    contact = Contact(stiffness=2000.0, damping=0.5)
+    simulation = Simulation(Scene(jello=[Box(position=(0.0, 0.8, 0.0))], collider=[Plane()], contact=contact))
     simulation.advance(1.5)
     x = simulation.x.astype(float).reshape(8, 8, 8, 3)
     for axis, flip in ((0, 0), (2, 2)):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from taichi_jello import Box, Grab, Plane, Scene, Simulation
+from taichi_jello import Box, Contact, Grab, Plane, Scene, Simulation
 from taichi_jello.physics.forces.grab import QUICK
 
 
@@ -129,8 +129,9 @@ def test_tuning_changes_forces_and_the_safe_step():
 def test_tuned_is_the_same_as_made_so(anew):
     """A scene tuned to other numbers goes on as one that was made with them."""
     place = {"points": (3, 3, 3), "position": (0.0, 0.45, 0.0)}
-    made = Scene(jello=[Box(stiffness=600.0, damping=0.5, **place)], collider=[Plane()])
-    tuned = Scene(jello=[Box(stiffness=200.0, damping=0.25, **place)], collider=[Plane()])
+    rest = {"collider": [Plane()], "contact": Contact(stiffness=2000.0, damping=0.5)}
+    made = Scene(jello=[Box(stiffness=600.0, damping=0.5, **place)], **rest)
+    tuned = Scene(jello=[Box(stiffness=200.0, damping=0.25, **place)], **rest)
     one = Simulation(made)
     one.advance(0.3)
     dt, x = one.dt, one.x

@@ -6,6 +6,7 @@ from reference import twisted
 
 from taichi_jello import Box, Scene, Simulation, Snapshot
 from taichi_jello.physics.heat import WILD
+from taichi_jello.physics.integrators._symplectic import CALM
 
 STILL = (0.0, 0.0, 0.0)
 METHODS = ["verlet", "symplectic-euler"]
@@ -48,16 +49,18 @@ def test_an_undamped_cube_keeps_its_energy_from_any_start(precision, method):
     simulation = cube(method)
     for name, x in starts(simulation.body).items():
         ratio = energies(simulation, x, 1.0)
-        assert simulation.system.parts == 4, name
+        assert simulation.system.parts == 6, name
         assert np.abs(ratio - 1.0).max() <= (0.02 if method == "verlet" else 0.04), name
 
 
-def test_a_small_swing_keeps_its_energy_at_a_quarter_of_the_price(best_precision):
-    """Verlet shows 1 - (ω dt)²/8 of the energy of a swing that began at rest, on average: here 0.993 or more."""
+def test_a_small_swing_keeps_its_energy_at_a_sixth_of_the_price(best_precision):
+    """Verlet shows 1 - (ω dt)²/8 of the energy of a swing that began at rest, on average: 0.983 is the least of any mode
+    that is stretched so, and the average of the last second is that of the first."""
     simulation = cube("verlet")
-    ratio = energies(simulation, simulation.body.x * [1.0, 1.02, 1.0], 2.0)
+    ratio = energies(simulation, simulation.body.x * [1.0, 1.02, 1.0], 10.0)
     assert simulation.system.parts == 1
-    assert ratio.min() >= 0.99 and ratio.max() <= 1.001
+    assert ratio.min() >= 0.98 and ratio.max() <= 1.001
+    assert ratio[:60].mean() == pytest.approx(ratio[-60:].mean(), abs=1e-3)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -71,7 +74,7 @@ def test_with_dashpots_energy_never_exceeds_the_start(best_precision, method):
         lengths.append(bound.safety)
         for name, x in starts(simulation.body).items():
             assert energies(simulation, x, 0.25).max() <= (1.0 if part >= 0.01 else 1.05), (name, part)
-    assert lengths[0] == pytest.approx(0.95) and lengths[-1] == pytest.approx(0.25, abs=0.01)
+    assert lengths[0] == pytest.approx(0.95) and lengths[-1] == pytest.approx(CALM / 2.0, abs=0.01)
     assert np.all(np.diff(lengths) <= 0.0)
 
 

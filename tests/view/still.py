@@ -21,6 +21,7 @@ class Still:
         self.body = assembled(scene)
         self.tuning = {"stiffness": 1.0, "damping": 1.0, "gravity": (0.0, -9.81, 0.0), "friction": 0.3}
         self.tuning["wind"] = (0.0, 0.0, 0.0)
+        self.first_tuning = dict(self.tuning)
         self.held, self.calls, self.memory = None, [], {}
         self.put(self.body.x)
 
