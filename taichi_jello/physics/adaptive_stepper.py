@@ -93,6 +93,13 @@ class AdaptiveStepper:
         x, v = values[:, :3].astype(float), values[:, 3:].astype(float)
         return Moment(x, v, self.whole.of(x, v))
 
+    def _written(self, x: np.ndarray, v: np.ndarray) -> Moment:
+        """What is now, written to the fields, in their precision."""
+        self._write(x, v)
+        number = self.system.memory.number
+        x, v = x.astype(number).astype(float), v.astype(number).astype(float)
+        return Moment(x, v, self.whole.of(x, v))
+
     def _write(self, x: np.ndarray, v: np.ndarray) -> None:
         self.system.good.write(np.hstack([x, v]).astype(self.system.memory.number))
         self.system.forget()
@@ -108,28 +115,28 @@ class AdaptiveStepper:
 
     def _implicitly(self, now: Moment, index: int, length: float) -> tuple[Moment | None, bool]:
         """Go on by an implicit step, None if it is not accurate. Also tells whether one twice as long may be."""
-        t, flight = index * length, self.flight
-        flies = flight.may_fly(now.x, now.v, now.whole, t, length)
+        t, flight, owner = index * length, self.flight, self.body.jello
+        flies = flight.may_fly(now, t, length)
+        if flies.any():
+            met = flight.meets(self._write, now, flies, t, length)
+            if (met & (self.whole.speed(now.whole) > self._slow())).any():
+                return None, False
+            flies &= ~met.any()
         v, push = flight.at_rest(now.x, now.v, now.whole, flies)
         found = after = self._step(now.x, v, push, index, length)
+        turns = turned(now.whole, length)
         if flies.any():
-            if flight.meets(self._write, found, now.whole, flies, t, length):
+            after = self._written(*flight.moved_on(found, now, turns, flies, length))
+            if (flight.presses(t + length) & flies).any():
                 self._drop()
-                flies[:] = False
-                v, found = now.v, self._step(now.x, now.v, 0.0 * push, index, length)
-                after = found
-            else:
-                self._write(*flight.moved_on(flight.straight(now.x, found), now.whole, flies, length))
-                after = self._read()
+                return None, False
         if not flies.all():
-            self._write(after.x, flight.kept(now, after, flies, t + length, length))
-            after = self._read()
+            after = self._written(after.x, flight.kept(now, after, flies, t + length, length))
         error = self._error(now.x, v, found.x, length, flies)
         if not np.isfinite(after.v).all() or (self._jolts(now, after, length) & ~flies).any() or error > 1.0:
             self._drop()
             return None, False
-        turns = turned(now.whole, length)[self.body.jello]
-        v = np.where(flies[self.body.jello, None], np.einsum("nij,nj->ni", turns, v), v)
+        v = np.where(flies[owner, None], np.einsum("nij,nj->ni", turns[owner], v), v)
         self._accept(now, after, length, flies, v)
         return after, error < EASY
 
@@ -153,8 +160,11 @@ class AdaptiveStepper:
             turning = np.einsum("ji,jik,jk->j", rest[:, 3:], now.whole.inertia, rest[:, 3:]) / self.whole.mass[:, 0]
             off = np.minimum(off, np.sqrt((rest[:, :3] ** 2).sum(1) + turning))
         speed = np.maximum(self.whole.speed(now.whole), self.whole.speed(after.whole))
-        slow = SLOW * np.sqrt(np.linalg.norm(self.flight.gravity()) * self.size)
-        return self.flight.free & (off > np.maximum(SPEED * speed, slow))
+        return self.flight.free & (off > np.maximum(SPEED * speed, self._slow()))
+
+    def _slow(self) -> np.ndarray:
+        """(J,) [m/s] what a jello does not bounce any more with."""
+        return SLOW * np.sqrt(np.linalg.norm(self.flight.gravity()) * self.size)
 
     def _error(self, x0: np.ndarray, v0: np.ndarray, x: np.ndarray, length: float, flies: np.ndarray) -> float:
         """The largest error of position of a step from x0 and v0 to x, of what is allowed: how far it is from where

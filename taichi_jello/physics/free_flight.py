@@ -13,7 +13,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces.gravity import Gravity
-from taichi_jello.physics.rigid_motion import Motion, RigidMotion, turned
+from taichi_jello.physics.rigid_motion import Motion, RigidMotion, cross, turned
 
 LOOKS = 8  # at places on its way, at most, whether it touches something there
 HALF = 0.5  # of what is thinnest, and of a radian, from one of these places to the next
@@ -40,18 +40,38 @@ class FreeFlight:
         """(3,) [m/s²]."""
         return np.zeros(3) if self.fall is None else np.array(self.fall.acceleration)
 
-    def may_fly(self, x: np.ndarray, v: np.ndarray, whole: Motion, t: float, length: float) -> np.ndarray:
-        """(J,) which jellos touch nothing at `t` [s] after the frame began, and come near to no other jello within
-        `length` [s]. None where other forces act than gravity."""
+    def may_fly(self, now: Any, t: float, length: float) -> np.ndarray:
+        """(J,) which jellos touch nothing at `t` [s] after the frame began, where the state is `now`, and come near to
+        no other jello within `length` [s]. None where other forces act than gravity."""
+        self.far = self._far(now.whole, now.x, t, length)
         self.alone = self.free & ~self.presses(t)  # by nothing but other jellos, if by anything
         if any(force.acts for force in self.others):
             self.alone[:] = False
-        looks = length * np.maximum(self.whole.speed(whole) / (HALF * self.thinnest), self._spin(whole) / HALF)
-        self.near = self._meetings(x, v, length)
-        return self.alone & (looks <= LOOKS) & ~self.near.any(1)
+        self.near = self._meetings(now.x, now.v, length)
+        return self.alone & (self.far | (self._looks(now.whole, length) <= LOOKS)) & ~self.near.any(1)
 
-    def _spin(self, whole: Motion) -> np.ndarray:
-        return np.linalg.norm(whole.spin, axis=1)
+    def _looks(self, whole: Motion, length: float) -> np.ndarray:
+        """(J,) at how many places on its way each must be looked at."""
+        spin = np.linalg.norm(whole.spin, axis=1)
+        return np.ceil(length * np.maximum(self.whole.speed(whole) / (HALF * self.thinnest), spin / HALF))
+
+    def _far(self, whole: Motion, x: np.ndarray, t: float, length: float) -> np.ndarray:
+        """(J,) which jellos no collider comes near to within `length` [s], by their distances from its surface and by
+        how far the farthest of their particles are from their centres."""
+        gap = np.full((len(self.free), 1), np.inf)
+        if self.with_colliders:
+            self._gaps(whole.centre.astype(self.number), t, gap)
+        arm = np.sqrt(np.maximum.reduceat(((x - whole.centre[self.owner]) ** 2).sum(1), self.whole.first))
+        surfaces = max((force.surface_speed for force in self.with_colliders), default=0.0)
+        fast = np.linalg.norm(whole.velocity, axis=1) + length * np.linalg.norm(self.gravity()) + surfaces
+        return gap[:, 0] > (1.0 + MARGIN) * arm + length * fast
+
+    @ti.kernel
+    def _gaps(self, centre: ti.types.ndarray(), t: float, gap: ti.types.ndarray()):
+        for j in range(centre.shape[0]):
+            p = ti.Vector([centre[j, 0], centre[j, 1], centre[j, 2]])
+            for force in ti.static(self.with_colliders):
+                gap[j, 0] = ti.min(gap[j, 0], force.gap(p, t))
 
     def _meetings(self, x: np.ndarray, v: np.ndarray, length: float) -> np.ndarray:
         """(J, J) which jellos' boxes, with the straight ways of their particles, meet; a jello meets itself where it
@@ -71,7 +91,7 @@ class FreeFlight:
 
     def presses(self, t: float) -> np.ndarray:
         """(J,) which jellos a collider presses on where they are, `t` [s] after the frame began."""
-        if not self.with_colliders:
+        if self.far.all():
             return np.zeros_like(self.free)
         energy = np.zeros(self.count, self.number)
         self._pressed(t, energy)
@@ -88,7 +108,7 @@ class FreeFlight:
         turns with them, -ω × (ω × ρ) - 2 ω × u, without what would move a jello as a whole."""
         spin, arm = whole.spin[self.owner], x - whole.centre[self.owner]
         u = v - self.whole.field(whole, x)
-        push = -np.cross(spin, np.cross(spin, arm)) - 2.0 * np.cross(spin, u)
+        push = -cross(spin, cross(spin, arm)) - 2.0 * cross(spin, u)
         push -= self.whole.field(self.whole.of(x, push), x)
         own = flies[self.owner, None]
         return np.where(own, u, v), np.where(own, push, 0.0)
@@ -97,25 +117,28 @@ class FreeFlight:
         """What a step from x has found, without the little that the solve has turned it by."""
         slip = self.whole.of(x, found.x - x)
         arm = found.x - found.whole.centre[self.owner]
-        return replace(found, x=found.x - np.cross(slip.spin[self.owner], arm))
+        return replace(found, x=found.x - cross(slip.spin[self.owner], arm))
 
-    def moved_on(self, found: Any, whole: Motion, flies: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
-        """x and v, (N, 3) each, of what a step without that motion has found, with it."""
-        x, turns = self._place(found, whole, flies, length)
-        u = np.einsum("nij,nj->ni", turns, found.v - self.whole.field(found.whole, found.x))
+    def moved_on(
+        self, found: Any, now: Any, turns: np.ndarray, flies: np.ndarray, length: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """x and v, (N, 3) each, of what a step from `now` without that motion has found, with it; `turns` (J, 3, 3) is
+        how the jellos turn meanwhile."""
+        found = self.straight(now.x, found)
+        x = self._place(found, now.whole, turns, flies, length)
+        u = np.einsum("nij,nj->ni", turns[self.owner], found.v - self.whole.field(found.whole, found.x))
         new = self.whole.of(x, u)
-        spin = np.linalg.solve(new.inertia, whole.momentum[..., None])[..., 0]
-        velocity = whole.velocity + length * self.gravity()
-        v = u + velocity[self.owner] + np.cross(spin[self.owner], x - new.centre[self.owner])
+        spin = np.linalg.solve(new.inertia, now.whole.momentum[..., None])[..., 0]
+        velocity = now.whole.velocity + length * self.gravity()
+        v = u + velocity[self.owner] + cross(spin[self.owner], x - new.centre[self.owner])
         return np.where(flies[self.owner, None], x, found.x), np.where(flies[self.owner, None], v, found.v)
 
-    def _place(self, found: Any, whole: Motion, flies: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Where the particles are after `time` [s], and how they have turned, (N, 3, 3)."""
-        turns = turned(whole, time)[self.owner]
+    def _place(self, shape: Any, whole: Motion, turns: np.ndarray, flies: np.ndarray, time: float) -> np.ndarray:
+        """(N, 3) where the particles of a shape are after `time` [s] of that motion, in which it has turned so."""
         centre = whole.centre + time * (whole.velocity + 0.5 * time * self.gravity())
-        arm = found.x - found.whole.centre[self.owner]
-        x = centre[self.owner] + np.einsum("nij,nj->ni", turns, arm)
-        return np.where(flies[self.owner, None], x, found.x), turns
+        arm = shape.x - shape.whole.centre[self.owner]
+        x = centre[self.owner] + np.einsum("nij,nj->ni", turns[self.owner], arm)
+        return np.where(flies[self.owner, None], x, shape.x)
 
     def kept(self, now: Any, after: Any, flies: np.ndarray, t: float, length: float) -> np.ndarray:
         """(N, 3) the velocities after a step up to `t` [s] from `now`, so that jellos which only each other and gravity
@@ -139,17 +162,19 @@ class FreeFlight:
         faster = before.velocity + length * self.gravity() - after.velocity
         spin = np.linalg.solve(after.inertia, (before.momentum - after.momentum)[..., None])[..., 0]
         v = v.copy()
-        v[own] += faster + np.cross(spin, x[own] - after.centre)
+        v[own] += faster + cross(np.broadcast_to(spin, x[own].shape), x[own] - after.centre)
         return v
 
-    def meets(self, write: Any, found: Any, whole: Motion, flies: np.ndarray, t: float, length: float) -> bool:
-        """Whether one that flies comes to touch a collider on its way from `t` [s] on."""
-        if not self.with_colliders:
-            return False
-        ways = length * np.maximum(self.whole.speed(whole) / (HALF * self.thinnest), self._spin(whole) / HALF)
-        looks = max(1, int(np.ceil(ways[flies].max())))
+    def meets(self, write: Any, now: Any, flies: np.ndarray, t: float, length: float) -> np.ndarray:
+        """(J,) which of those that fly come to touch a collider on their way from `t` [s] on, as they are shaped now."""
+        met, close = np.zeros_like(flies), flies & ~self.far
+        if not close.any():
+            return met
+        looks = max(1, int(self._looks(now.whole, length)[close].max()))
         for part in np.arange(1, looks + 1) / looks:
-            write(self._place(found, whole, flies, part * length)[0], found.v)
-            if (self.presses(t + part * length) & flies).any():
-                return True
-        return False
+            write(self._place(now, now.whole, turned(now.whole, part * length), flies, part * length), now.v)
+            met = close & self.presses(t + part * length)
+            if met.any():
+                break
+        write(now.x, now.v)
+        return met

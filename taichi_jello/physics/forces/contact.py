@@ -128,6 +128,15 @@ class PenaltyContact(ParticleForce):
         return distance(p - place, ti.Vector([row[6], row[7], row[8], row[9]]))
 
     @ti.func
+    def gap(self, p, t):
+        """The signed distance [m] of the point p from the nearest surface."""
+        nearest = ti.cast(1e30, float)
+        for group in ti.static(self.groups):
+            for r in range(group.start, group.stop):
+                nearest = ti.min(nearest, self.touch(group.signed_distance, r, p, t)[3])
+        return nearest
+
+    @ti.func
     def push(self, law, p, u, t, share):
         """The force [N] on a point at p that moves at u and stands for `share` of a particle of the surface."""
         force = ti.Vector([0.0, 0.0, 0.0])
