@@ -166,7 +166,7 @@ class FreeFlight:
         return v
 
     def meets(self, write: Any, now: Any, flies: np.ndarray, t: float, length: float) -> np.ndarray:
-        """(J,) which of those that fly come to touch a collider on their way from `t` [s] on, as they are shaped now."""
+        """(J,) which of those that fly come to touch a collider on their way from `t` [s] on, as shaped now."""
         met, close = np.zeros_like(flies), flies & ~self.far
         if not close.any():
             return met
