@@ -255,7 +255,7 @@ MISTAKES = [
     (("run", "small.toml", "-o", "x.npz", "--plot", "no/x.png"), "--plot no/x.png: expected a file in a folder"),
     (("study", "accuracy", "--method", "rk5"), "solver.method: expected one of"),
     (("study", "speed", "--plot", "x.png"), "--plot: the study speed has none"),
-    (("study", "bodies", "--poses", "3"), "--poses: the study bodies has none"),
+    (("study", "live", "--poses", "3"), "--poses: the study live has none"),
     (("study", "contact", "--poses", "0"), "--poses: expected a whole number of at least 1, got '0'"),
     (("study", "contact", "ring", "knot"), "study contact: expected shapes, of box, slab, bar, ball, ring, sheet"),
     (("dance",), "invalid choice: 'dance'"),

@@ -40,16 +40,9 @@ def speed_table(told: dict[str, Any]) -> str:
     return f"```\n{speed.text(told)}\n```"
 
 
-def bodies_table(told: dict[str, Any]) -> str:
-    """Each figure beside what it is held to, as Markdown."""
-    lines = [f"| {row['what']} | {row['value']:.2g} | {row['most']:g} |" for row in told["rows"]]
-    return "\n".join(["| figure | is | held to |", "|---|---|---|", *lines])
-
-
 TABLES: dict[str, Callable[[dict[str, Any]], str]] = {
     "accuracy": accuracy_table,
     "speed": speed_table,
-    "bodies": bodies_table,
 }
 
 

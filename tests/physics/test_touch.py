@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from surfaces import heights
 from touching_pairs import placed, touch
 
 from taichi_jello import (
@@ -28,7 +29,6 @@ from taichi_jello.physics.neighbours import ROW
 from taichi_jello.physics.touching import inner_neighbours, ways_out
 from taichi_jello.shapes.lattice import rotation
 from taichi_jello.studies._pairs import Pair, posed, thrown
-from taichi_jello.studies.bodies import heights
 
 WEIGHTLESS = {"gravity": (0.0, 0.0, 0.0)}
 

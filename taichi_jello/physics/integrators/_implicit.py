@@ -12,7 +12,6 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.integrators._base import Integrator
-from taichi_jello.physics.solve.inner import Blocks, TwoLevel
 from taichi_jello.physics.solve.newton import Newton
 
 
@@ -42,12 +41,11 @@ class Implicit(Integrator):
     safety = 1.0
     solves = long_steps = True
     share: ClassVar[float]
-    preconditioner: ClassVar[type[Blocks]] = TwoLevel
 
     def __init__(self, memory, state, damped, body):
         self.state, self.number = state, memory.number
         accuracy = 1e-3 if memory.owner.precision == "f32" else 1e-9
-        self.solver = Newton(memory, body, accuracy, self.preconditioner)
+        self.solver = Newton(memory, body, accuracy)
         self.last_dt, self.prepared, self.generations = 0.0, False, []
         self.memory, self.contacts = memory, ()
 

@@ -32,13 +32,13 @@ class Newton:
     """Fields and turns of one solve. `start` is given z, w and c; then `turn` is repeated until `mode` is DONE.
 
     accuracy: it ends when a step moves no particle farther than this part of the first step, or than positions are
-    rounded; it may be changed before `prepare`. preconditioner: see inner.py. forcing: by how much conjugate gradients
+    rounded; it may be changed before `prepare`. forcing: by how much conjugate gradients
     reduce the residual before Newton goes on. rounds and inner: the most Newton steps, and products with H for each.
     """
 
     kinds = (PREPARE, EVALUATE, CONJUGATE)
 
-    def __init__(self, memory, body, accuracy, preconditioner=TwoLevel, forcing=0.1, rounds=30, inner=200):
+    def __init__(self, memory, body, accuracy, forcing=0.1, rounds=30, inner=200):
         self.memory, self.accuracy, self.forcing = memory, accuracy, forcing
         self.rounds, self.inner = rounds, inner
         self.at = State.made_in(memory, "solve")
@@ -51,7 +51,7 @@ class Newton:
         self.mode = memory.table("solve", "mode", np.zeros(1, np.int32))
         self.counts = memory.table("solve", "counts", np.zeros(7, np.int32))
         self.registers = memory.table("solve", "registers", np.zeros(15))
-        self.inner_solver = preconditioner(memory, body)
+        self.inner_solver = TwoLevel(memory, body)
         self.rigid = Rigid(memory, body)
 
     def prepare(self, system, c):
@@ -59,7 +59,7 @@ class Newton:
         self.inner_solver.prepare(system, c)
         # A rounding of x changes forces by Λ of it at most, and these move the particle by c² of that, or back.
         stiffness = system.bound.squared_frequency
-        self.registers[ACCURACY], self.registers[MOST] = self.accuracy, self.rounds
+        self.registers[ACCURACY] = self.accuracy
         self.registers[NOISE] = 2.0 * system.owner.epsilon * min(1.0, c * c * stiffness)
 
     @property
@@ -82,7 +82,7 @@ class Newton:
         for _ in range(1):
             if first == 0 and last > 0:
                 self.registers[C], self.registers[TIME] = c, t
-                self.registers[PART] = 1.0
+                self.registers[PART], self.registers[MOST] = 1.0, self.rounds
                 self.counts[ROUNDS], self.counts[PHASE] = 0, OFF
                 self.counts[TRIES] = TRIED  # however this step turns out, it is the start
                 self.mode[0] = PREPARE if wanted else DONE
@@ -202,10 +202,16 @@ class Newton:
 
     @ti.func
     def turn_ends(self, system, first, last):
-        """What turns end with: the next direction p of conjugate gradients, or the step to go."""
+        """What turns end with: the next direction p of conjugate gradients, the step to go, or at rest what is left to
+        move as a whole."""
         directs = self.counts[PHASE] >= BEGIN and self.counts[PHASE] <= GO_ON
-        upto = ti.select(directs, last, first)  # a loop to `first` does nothing
-        self.precondition(system, first, upto)
+        rests = self.counts[PHASE] == AT_REST
+        upto, settled = ti.select(directs, last, first), ti.select(rests, last, first)  # a loop to `first` does nothing
+        self.rigid.project(system, first, ti.max(upto, settled), self.at.x, self.r)
+        self.settle(first, settled)
+        self.inner_solver.apply(system, first, upto, self.r, self.s)
+        for i in range(first, upto):  # s = (Q + A⁻¹) r, see rigid.py
+            self.s[i] = self.s[i] + self.rigid.displacement(i, self.at.x)
         self.add_up(system, first, upto, self.r, self.s, STEP)
         for _ in range(1):
             if first == 0 and upto > 0:
@@ -216,14 +222,13 @@ class Newton:
             self.p[i] = self.d[i] if steps else self.s[i] + beta * self.p[i]
 
     @ti.func
-    def precondition(self, system, first, last):
-        """s = (Q + A⁻¹) r, see rigid.py."""
-        if ti.static(self.inner_solver.with_modes):
-            self.rigid.project(system, first, last, self.at.x, self.r)
-        self.inner_solver.apply(system, first, last, self.r, self.s)
-        if ti.static(self.inner_solver.with_modes):
-            for i in range(first, last):
-                self.s[i] = self.s[i] + self.rigid.displacement(i, self.at.x)
+    def settle(self, first, last):
+        """Give each jello the momentum and angular momentum that the residual still asks for: rounded springs hide it
+        from the tolerances, and left out of every step it adds up to half a metre of a fall."""
+        for i in range(first, last):
+            way = self.rigid.displacement(i, self.at.x)
+            self.at.v[i] = self.at.v[i] + way / self.registers[C]
+            self.at.x[i] = self.z[i] + self.registers[C] * self.at.v[i]
 
     @ti.func
     def choose_direction(self, system):
@@ -249,7 +254,9 @@ class Newton:
                 near = moved <= self.registers[TOLERANCE]
                 ends = moved <= self.registers[STILL] or (near and little) or self.in_vain()
                 # The first step is gone however short: a fall gains little in a short one, and must gain it.
-                self.mode[0] = DONE if ends and self.counts[ROUNDS] > 1 else EVALUATE
+                self.mode[0] = EVALUATE
+                if ends and self.counts[ROUNDS] > 1:
+                    self.registers[MOST] = self.counts[ROUNDS]  # the step is the last
         self.registers[RHO] = rho
 
     @ti.func
