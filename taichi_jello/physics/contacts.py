@@ -13,7 +13,7 @@ from taichi_jello.physics.cores import CORE
 from taichi_jello.physics.elements import nearer
 from taichi_jello.physics.exits import Exits
 from taichi_jello.physics.inside import AT_HAND, Inside
-from taichi_jello.physics.neighbours import ROW, Neighbours
+from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.ropes import TWICE, Ropes
 from taichi_jello.physics.touching import AT_ONCE, FAR, Touching
 from taichi_jello.torn import still_there
@@ -194,7 +194,7 @@ class Contacts(Ropes):
     def find_thin(self, q, met, v, ahead):
         """Count on from `met` with the nearest triangle or segment within reach of each other jello."""
         p, best, jello = self.place[q], ti.cast(FAR, float), -1
-        place, end = q * ROW, self.near.listed[q]
+        place, end = self.near.first_place(q), self.near.listed[q]
         corners, weights = ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
         for k in range(end + 1):  # one more than listed, to end with the last jello
             e, other = 0, -1
