@@ -5,7 +5,7 @@ import numpy as np
 from taichi_jello import Camera, Contact, Pin, Ring, Scene, Solver
 
 RADIUS, THICKNESS, LINKS = 0.2, 0.09, 7
-STEP = 2.0 * RADIUS - THICKNESS - 0.01  # m between middles: the rings do not quite touch at first
+STEP = 2.0 * RADIUS - THICKNESS - 0.02  # m between middles: the rings do not quite touch at first
 TILT = 30.0  # degrees from the vertical
 
 

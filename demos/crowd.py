@@ -13,7 +13,7 @@ def scene() -> Scene:
             Box(
                 points=(6, 6, 6),
                 size=(SIDE, SIDE, SIDE),
-                position=(0.62 * column - 0.31 + 0.05 * (layer % 3), 0.4 + 0.62 * layer, 0.62 * row - 0.31),
+                position=(0.62 * column - 0.31 + 0.05 * (layer % 3), 0.4 + 0.62 * layer, 0.68 * row - 0.34),
                 rotation=(37.0 * k % 90.0, 53.0 * k % 90.0, 71.0 * k % 90.0),
                 velocity=(0.0, -1.0, 0.0),
                 mass=0.064,

@@ -5,9 +5,12 @@ import warnings
 import numpy as np
 
 from taichi_jello.body import Body
+from taichi_jello.checked import SceneError
 from taichi_jello.physics.contact_law import contact_numbers, least_extents, standing_points
+from taichi_jello.physics.crossings import Surfaces, crossings
 from taichi_jello.physics.forces.grab import Grab
 from taichi_jello.scene import Scene
+from taichi_jello.words import counted
 
 SUNK = 0.1  # of its least extent, by which a jello may sink into what it lies on
 FIRM = 0.01  # of the same, with the stiffness that is advised
@@ -41,6 +44,30 @@ def on_contact(scene: Scene, body: Body) -> None:
                 SceneWarning,
                 stacklevel=3,
             )
+
+
+def on_crossings(scene: Scene, body: Body) -> None:
+    """Raise SceneError if a sheet or a rope begins through another jello that it touches; warn of solids that do."""
+    if not scene.contact.touch or scene.contact.stiffness == 0.0 or len(scene.jello) < 2:
+        return
+    surfaces = Surfaces.of(body)
+    found = list(crossings(surfaces))
+    for a, b, place in found:
+        if not (surfaces.solid[a] and surfaces.solid[b]):
+            thin, other = (a, b) if surfaces.solid[b] else (b, a)
+            raise SceneError(
+                f"jello.{thin}",
+                f"expected a start apart from jello.{other}, got one through it at {np.round(place, 3).tolist()}: "
+                "a sheet or a rope cannot come apart from what it crosses",
+            )
+    if found:
+        a, b, place = found[0]
+        more = f" (and {counted(len(found) - 1, 'more pair')})" if len(found) > 1 else ""
+        warnings.warn(
+            f"jello.{b} begins partly in jello.{a}, at {np.round(place, 3).tolist()}{more}: contact pushes them apart",
+            SceneWarning,
+            stacklevel=3,
+        )
 
 
 def on_start(scene: Scene, body: Body, v: np.ndarray) -> None:

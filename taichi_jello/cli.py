@@ -49,8 +49,14 @@ def in_color(chosen: argparse.Namespace, scene: Scene) -> Scene:
 
 
 def step_as_asked(chosen: argparse.Namespace, scene: Scene) -> Simulation:
-    ledger = getattr(chosen, "ledger", False)
-    return Simulation(scene, method=chosen.method, dt=chosen.dt, substeps=chosen.substeps, ledger=ledger)
+    return Simulation(
+        scene,
+        method=chosen.method,
+        dt=chosen.dt,
+        substeps=chosen.substeps,
+        ledger=getattr(chosen, "ledger", False),
+        check_start=not getattr(chosen, "from_state", None),
+    )
 
 
 def make_simulation(chosen: argparse.Namespace, scene: Scene) -> Simulation:

@@ -39,9 +39,10 @@ class Simulation:
     """A scene made of Taichi fields and stepped through time.
 
     method, and dt [s] or substeps (of a drawn frame), override the scene's solver; team forces a form of the step (see
-    System); ledger: book the work of what stores no energy (see physics/ledger.py). Uses the running Taichi, or starts
-    it with its defaults. Raises SceneError for a scene, a method or a step that cannot be, and RuntimeProblem if Taichi
-    was started again since.
+    System); ledger: book the work of what stores no energy (see physics/ledger.py); check_start: look whether jellos
+    begin through each other, for a start that is not replaced by a state. Uses the running Taichi, or starts it with
+    its defaults. Raises SceneError for a scene, a method or a step that cannot be, and RuntimeProblem if Taichi was
+    started again since.
     """
 
     def __init__(
@@ -53,10 +54,13 @@ class Simulation:
         substeps: int | None = None,
         team: int | None = None,
         ledger: bool = False,
+        check_start: bool = True,
     ):
         self.scene = scene
         self.asked_step = asked_step(scene.solver, dt, substeps)
         self.body: Body = assembled(scene)
+        if check_start:
+            advice.on_crossings(scene, self.body)
         self.method = method or scene.solver.method
         self.frame_dt = scene.solver.frame_dt
         self.choice: Choice | None = None  # of `auto`
@@ -251,7 +255,7 @@ class Simulation:
             self._hand.grip = snapshot.grip
             self._follow_hand()
         self.clock.turn(snapshot.clock, snapshot.time)
-        self.system.recall(snapshot.memory, self.clock.frame[0])
+        self.system.recall(snapshot.memory)
         self._begun = False
         self._open_books()
 

@@ -13,9 +13,8 @@ from taichi_jello.physics.cores import CORE
 from taichi_jello.physics.elements import nearer
 from taichi_jello.physics.exits import Exits
 from taichi_jello.physics.inside import AT_HAND, Inside
-from taichi_jello.physics.neighbours import ROW, Neighbours
+from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.ropes import TWICE, Ropes
-from taichi_jello.physics.tangles import DEEP, Tangles
 from taichi_jello.physics.touching import AT_ONCE, FAR, Touching
 from taichi_jello.torn import still_there
 
@@ -55,19 +54,17 @@ class Contacts(Ropes):
             self.holds = table("elements not parted", np.ones(len(touching.nodes), np.int32))
         self.there = memory.zeros(title, "x looked at", (memory.particles, 3))
         self.place = memory.zeros(title, "places", (self.points, 3))
-        self.can_tangle = others and (touching.has_sheets or touching.has_slender or touching.has_threads)
-        self.tangles = Tangles(title, body, memory, self.near) if self.can_tangle else None
         self.can_brake = others and int(np.sum(~touching.loose)) > 1
         self.brake = Brake(title, memory, self.near) if self.can_brake else None
         self.sided = self.can_brake and self.brake.sided
-        self.can_thread = others and touching.has_threads
+        self.has_ropes_on_solids = others and bool(touching.rope.any() and touching.firm.any())
         self.has_thin_pairs = self.can_brake and int(np.sum(touching.radius > 0.0)) > 1
         if self.has_thin_pairs:
             mass = np.bincount(body.jello, body.mass) / np.bincount(body.jello)
             self.particle_mass = table("masses of particles", mass)
         if self.has_solid:
             self.inside = Inside(title, memory, self.near, self.there, self.place)
-            self.exits = Exits(title, memory, self.near, self.there, self.place, self.tangles)
+            self.exits = Exits(title, memory, self.near, self.there, self.place)
         count = AT_ONCE * self.points
         self.corners = memory.zeros(title, "touched corners", (count, 3), whole=True)
         self.weights = memory.zeros(title, "their weights", (count, 3))
@@ -160,7 +157,7 @@ class Contacts(Ropes):
         """Whether element e is a segment of a rope whose own points touch the solid that q is a point of; those of one
         that may melt or tear touch all the same, since it may have no cells left."""
         left = False
-        if ti.static(self.can_thread):
+        if ti.static(self.has_ropes_on_solids):
             own, other = self.near.jello[self.near.points[q]], self.near.owner[e]
             solid = self.near.radius[own] == 0.0 and self.brake.firm[own] > 0
             left = solid and self.near.is_rope[other] == 1
@@ -188,19 +185,16 @@ class Contacts(Ropes):
 
     @ti.func
     def tell(self, a, b, depth, core):
-        """Have brake and tangles know of a point of jello a that is `depth` [m] in b, which has its core there."""
+        """Have the brake know of a point of jello a that is `depth` [m] in b, which has its core there."""
         if ti.static(self.can_brake):  # noqa: SIM102
             if depth > core:
                 self.brake.notice(a, b)
-        if ti.static(self.can_tangle):  # noqa: SIM102
-            if depth > DEEP * core:
-                self.tangles.notice(a, b)
 
     @ti.func
     def find_thin(self, q, met, v, ahead):
         """Count on from `met` with the nearest triangle or segment within reach of each other jello."""
         p, best, jello = self.place[q], ti.cast(FAR, float), -1
-        place, end = q * ROW, self.near.listed[q]
+        place, end = self.near.first_place(q), self.near.listed[q]
         corners, weights = ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
         for k in range(end + 1):  # one more than listed, to end with the last jello
             e, other = 0, -1
@@ -254,9 +248,6 @@ class Contacts(Ropes):
                         if apart - distance > late:
                             self.brake.notice_side(own, other, n)
                 self.tell(own, other, apart - distance, late)
-                if ti.static(self.can_tangle):
-                    n, counts = self.tangles.turned(q, other, n, distance, apart)
-                    self.share[contact] *= counts
             self.apart[contact] = apart
         if touches:
             self.corners[contact], self.weights[contact], self.normal[contact] = corners, weights, n

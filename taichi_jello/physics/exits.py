@@ -5,7 +5,7 @@ McAdams et al. 2011, "Efficient elasticity for character skinning", 5), so that 
 nearest face however the body is crushed. By that alone two that cross each other would hold each other, as a blade
 does what it sticks in: half of it would leave on either side. So where both are compact, convex and about as thick as
 long, and the nearest face leads against the way from the middle of one to that of the other, it is this way that
-decides. Of what is slender it would lead to an end; how that comes apart is told in tangles.py.
+decides. Of what is slender it would lead to an end.
 """
 
 import numpy as np
@@ -29,10 +29,9 @@ BACK = 1 / 3  # of the distance to the face to leave by: within it a point near 
 class Exits:
     """The ways out of the cells, see Touching, for particles that are `there` and points that are at `place`."""
 
-    def __init__(self, title: str, memory: Memory, near: Neighbours, there: ti.Field, place: ti.Field, tangles):
+    def __init__(self, title: str, memory: Memory, near: Neighbours, there: ti.Field, place: ti.Field):
         touching = near.touching
         self.near, self.there, self.place = near, there, place
-        self.tangles, self.can_tangle = tangles, tangles is not None
         self.exits = memory.table(title, "exits of each cell", touching.exits)
         self.triangles = memory.table(title, "exits", touching.triangles)
         self.start = memory.table(title, "starts of exits", touching.start)
@@ -87,10 +86,8 @@ class Exits:
                     nearest = ti.min(nearest, found)
                     if look != ANY:
                         best, corners, weights = found, its_corners, its_weights
-        fewest = ti.select(self.both_compact(q, e) or self.way_out(q, e).norm_sqr() > 0.0, LEAST, 0.0)
+        fewest = ti.select(self.both_compact(q, e), LEAST, 0.0)
         counts = ti.math.clamp((nearest / ti.max(best, TINY)) ** 2, fewest, 1.0)
-        if ti.static(self.can_tangle):
-            counts *= self.tangles.softness(q, self.near.owner[e])
         if ti.static(self.near.skinned):  # noqa: SIM102
             if self.way[e][0] == 0.0 and self.is_outside(p, corners):
                 best = FAR
@@ -106,19 +103,7 @@ class Exits:
                 c = self.heart(self.near.jello[self.near.points[q]]) - self.heart(self.near.owner[e])
                 if self.leads(self.place[q], corners, weights, c) < -ASIDE:
                     sides = self.toward(e, c)
-        if ti.static(self.can_tangle):
-            c = self.way_out(q, e)
-            if c.norm_sqr() > 0.0 and best < FAR and self.leads(self.place[q], corners, weights, c) < SAME:
-                sides = self.toward(e, c)
         return sides
-
-    @ti.func
-    def way_out(self, q, e):
-        """The way by which point q is to leave the jello of cell e, if these hold each other; else zero."""
-        way = ti.Vector([0.0, 0.0, 0.0])
-        if ti.static(self.can_tangle):
-            way = self.tangles.way_out(q, self.near.owner[e])
-        return way
 
     @ti.func
     def both_compact(self, q, e):

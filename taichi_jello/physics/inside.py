@@ -6,7 +6,7 @@ import taichi as ti
 from taichi_jello.physics.boxes import put_box, which_meet
 from taichi_jello.physics.boxtree import WIDE
 from taichi_jello.physics.elements import cell_holds
-from taichi_jello.physics.neighbours import ROW, Neighbours
+from taichi_jello.physics.neighbours import Neighbours
 from taichi_jello.physics.state import Memory
 from taichi_jello.physics.touching import FAR
 
@@ -42,7 +42,7 @@ class Inside:
     @ti.func
     def collect(self, q):
         """List the cells whose boxes hold a point."""
-        p, place, count = self.place[q], q * ROW, 0
+        p, place, count = self.place[q], self.near.first_place(q), 0
         for _ in range(self.near.listed[q]):
             n, place = self.near.next(place)
             if self.block[n] >= 0:

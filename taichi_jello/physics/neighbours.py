@@ -5,7 +5,6 @@ see margins.py. Boxes are those along the jello's own axes, which fit it well ho
 too much: what it holds beyond the points that touch adds nothing, so no number depends on when it was made.
 """
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -27,14 +26,11 @@ LEAST, MOST = 0.4, 0.6  # a margin's usual size, in distances between the points
 NARROWEST = 0.01  # of that
 
 
-class RoomWarning(UserWarning):
-    """More is near the points of jellos than there is room for in the lists of it."""
-
-
 @ti.data_oriented
 class Neighbours(Margins):
-    """Point q has listed[q] leaves near it, read one after another by `next` from row q on, jello by jello: blocks
-    of cells, single triangles or segments, the elements tree_order[tree_first[n]] … tree_order[tree_last[n] - 1].
+    """Point q has listed[q] leaves near it, read one after another by `next` from first_place(q) on, jello by jello:
+    blocks of cells, single triangles or segments, the elements tree_order[tree_first[n]] … tree_order[tree_last[n] -
+    1]. A point for which the lists have no room has all leaves there are.
 
     Points that have any: busy[0] … busy[state[2] - 1]."""
 
@@ -62,6 +58,8 @@ class Neighbours(Margins):
         self.owner = table("jello of each element", owner)
         self.tree = tree = BoxTree.of(owner, body.rest[touching.nodes].mean(1), touching.radius > 0.0)
         self.boxes_of_nodes, self.blocks = len(tree.first), len(tree.leaf)
+        leaves = np.flatnonzero(tree.skip == np.arange(len(tree.skip)) + 1)
+        self.all_leaves, self.leaves = len(leaves), table("tree: all leaves", leaves)
         self.tree_order, self.tree_skip = table("tree: elements", tree.order), table("tree: next nodes", tree.skip)
         self.tree_first, self.tree_last = table("tree: first elements", tree.first), table("tree: ends", tree.last)
         self.tree_start, self.tree_block = table("tree: roots", tree.start), table("tree: blocks", tree.block)
@@ -72,6 +70,7 @@ class Neighbours(Margins):
         self.met = zeros("jellos that each meets", self.jellos * self.jellos)
         self.state = zeros("stale, rows, busy points", 3)
         self.listed, self.busy = zeros("how many found", self.count), zeros("busy points", self.count)
+        self.has_room = zeros("with a list", self.count)
         self.others, self.itself, self.with_self = others, itself, bool(itself.any())
         self.has_lines = bool((others and touching.rope.sum() > 1) or itself[touching.rope].any())
         self.has_ropes = self.has_lines or (others and bool(touching.rope.any()))
@@ -93,14 +92,12 @@ class Neighbours(Margins):
 
     def refresh(self, system: Any, t: float, dt: float, frame_dt: float) -> None:
         """Make the lists anew for the particles as they are t seconds after the current frame began; where they have
-        no room, with narrower margins, and for a shorter time, in which what flies by comes near to less. Warns where
-        there is no room even so."""
+        no room, with narrower margins, and for a shorter time, in which what flies by comes near to less."""
         scale, lasts = 1.0, max(frame_dt, 3.0 * dt)
-        while self._search(system, system.members, t, dt, frame_dt, lasts, scale * LEAST, scale * MOST) > self.rows:
-            if scale < NARROWEST:
-                told = f"more is near their {self.count} points than {self.rows * ROW} places hold: some do not touch"
-                warnings.warn(f"jellos lie too densely in each other, {told}", RoomWarning, stacklevel=2)
-                break
+        while (
+            self._search(system, system.members, t, dt, frame_dt, lasts, scale * LEAST, scale * MOST) > self.rows
+            and scale >= NARROWEST
+        ):
             scale *= 0.5
             lasts = max(0.5 * lasts, ONE_STEP * dt)
         self.fresh, self.made_at = True, self.frame_start + t
@@ -275,9 +272,9 @@ class Neighbours(Margins):
                 if block >= 0:
                     near, leaf = which_meet(self.leaf_box, block, low, high), self.tree_leaf[block]
                     while near != 0:
-                        if near & 1 and self._may_touch(q, leaf, a == b):
+                        if near & 1 and place >= 0 and self._may_touch(q, leaf, a == b):
                             place = self._append(q, listed, place, leaf)
-                            listed += place >= 0
+                            listed += 1
                         near >>= 1
                         leaf += 1
                     n = self.tree_skip[n]
@@ -285,7 +282,10 @@ class Neighbours(Margins):
                     n += 1
                 else:
                     n = self.tree_skip[n]
-        self.listed[q] = listed
+        self.listed[q] = ti.select(place < 0, self.all_leaves, listed)
+        self.has_room[q] = ti.select(place < 0, 0, 1)
+        for leaf in range(ti.select(place < 0, self.all_leaves, 0)):
+            self.is_found[self.leaves[leaf]] = 1
 
     @ti.func
     def _may_touch(self, q, n, own):
@@ -300,10 +300,11 @@ class Neighbours(Margins):
 
     @ti.func
     def is_apart(self, q, e):
-        """Whether element e is not of the neighbourhood of point q in its own jello."""
-        apart = True
+        """Whether point q meets the jello of element e; of its own all but what is near in the undeformed body."""
+        own = self.owner[e] == self.jello[self.points[q]]
+        apart = ti.static(self.others) and not own
         if ti.static(self.with_self):  # noqa: SIM102
-            if self.owner[e] == self.jello[self.points[q]]:
+            if own and self.alone[self.owner[e]] == 1:
                 distance = (self.rest[self.points[q]] - self.rest[self.nodes[e][0]]).norm()
                 apart = distance > self.apart[self.owner[e]]
         return apart
@@ -328,11 +329,20 @@ class Neighbours(Margins):
         return to
 
     @ti.func
+    def first_place(self, q):
+        """Where the list of point q begins."""
+        return ti.select(self.has_room[q] == 1, q * ROW, -1)
+
+    @ti.func
     def next(self, place):
-        """The leaf at a place of a list, from ROW q on, and the next place."""
-        n, after = self.found[place], place + 1
-        if after % ROW == ROW - 1:
-            after = self.found[after]
+        """The leaf at a place of a list, and the next place; places less than 0 are in the list of all leaves."""
+        n, after = 0, place - 1
+        if place < 0:
+            n = self.leaves[-place - 1]
+        else:
+            n, after = self.found[place], place + 1
+            if after % ROW == ROW - 1:
+                after = self.found[after]
         return n, after
 
     @ti.func

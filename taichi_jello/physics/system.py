@@ -290,9 +290,6 @@ class System:
         for force in self.all_forces:
             force.begin_frame(start, end)
         self.refresh(0.0, (dt or end - start) / self.parts)
-        if not within:
-            for force in self.hurried:
-                force.survey(self, self.good.x, start)
         return gained
 
     def _choose_parts(self, frame_dt: float, dt: float) -> int:
@@ -304,16 +301,11 @@ class System:
 
     def remembered(self, within: bool) -> dict[str, np.ndarray]:
         """What the frame that has begun, or, not `within` one, the next needs besides x and v to be the same."""
-        told = {"parts": np.array(self.parts)} if within and self.parts > 1 else {}
-        for force in self.hurried:
-            told |= force.remembered()
-        return told
+        return {"parts": np.array(self.parts)} if within and self.parts > 1 else {}
 
-    def recall(self, memory: dict[str, np.ndarray], start: float) -> None:
-        """Go on from where `memory` was asked for, in a frame that begins at `start` [s]."""
+    def recall(self, memory: dict[str, np.ndarray]) -> None:
+        """Go on from where `memory` was asked for."""
         self.parts = int(memory.get("parts", 1))
-        for force in self.hurried:
-            force.recall(memory, start)
 
     def write(self, x: np.ndarray, v: np.ndarray) -> None:
         """Set the state, (N, 3) each, and remember it as good."""

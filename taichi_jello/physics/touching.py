@@ -158,19 +158,9 @@ class Touching:
         return self.slender | self.compact
 
     @property
-    def has_sheets(self) -> bool:
-        """Whether something can go through a sheet of another jello; what may melt or tear is left out."""
-        return bool(self.sheet.any()) and int(np.sum(~self.loose)) > 1
-
-    @property
     def has_slender(self) -> bool:
         """Whether solids of two jellos can hold each other: one is slender, and none is loose."""
         return bool(self.slender.any()) and int(np.sum(self.firm)) > 1
-
-    @property
-    def has_threads(self) -> bool:
-        """Whether a rope can go through a solid; what may melt or tear is left out."""
-        return bool(self.rope.any()) and bool(self.firm.any())
 
     def places(self, x: np.ndarray) -> np.ndarray:
         """(Q, 3) [m] where the points are with the particles at x (N, 3)."""

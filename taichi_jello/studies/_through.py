@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 
 from taichi_jello.body import Body
-from taichi_jello.physics.cuts import goes_through, surface_edges
-from taichi_jello.physics.touching import Touching
+from taichi_jello.physics.crossings import Surfaces, goes_through
 
 HALVINGS = 30  # of a step in which something goes through
-FINE = np.arange(20) / 20  # of each segment, where it is looked at
 Array = np.ndarray[Any, Any]
 TETRAHEDRA = np.array([[0, 1, 2, 4], [1, 2, 3, 7], [1, 2, 4, 7], [1, 4, 5, 7], [2, 4, 6, 7]])  # of a cell's corners
 OVERLAP = 0.1  # of the cells of either: what slides along the other one has no more of their middles in it
@@ -21,18 +19,17 @@ class Sheets:
     """went: whether edges of one went through the other as their middles came level."""
 
     def __init__(self, body: Body):
-        self.body, self.touching = body, Touching.of(body, np.zeros(2, bool))
-        self.edges = surface_edges(self.touching)
-        self.went = False
+        self.surfaces, self.went = Surfaces.of(body), False
 
     def cut(self, x: Array) -> int:
         """How many edges of either go an odd number of times through a sheet of the other one."""
-        body, touching = self.body, self.touching
-        thin = touching.nodes[touching.solid :, :3]
-        ends = touching.places(x)[self.edges]
-        whose, owner = body.jello[touching.points[self.edges[:, 0]]], body.jello[thin[:, 0]]
-        pairs = [(ends[whose != j], x[thin[owner == j]]) for j in (0, 1) if touching.sheet[j]]
-        return sum(int(np.count_nonzero(np.sum(goes_through(*pair), 1) % 2)) for pair in pairs)
+        surfaces, count = self.surfaces, 0
+        place = surfaces.places(x)
+        for j in np.flatnonzero(~surfaces.solid):
+            ends, corners = surfaces.edges[surfaces.edge_owner != j], surfaces.triangles[surfaces.owner == j]
+            through = goes_through(place[ends][:, None], place[corners])
+            count += int(np.count_nonzero(through.sum(1) % 2))
+        return count
 
     def look(self, x: Array, level: bool) -> None:
         if level:
@@ -77,16 +74,16 @@ class Solids:
 def watched(body: Body) -> Sheets | Lines | Solids:
     """What tells whether two jellos go through each other: its `look` is called with the particles (N, 3) after each
     step, and with whether their middles have come level in it."""
-    touching = Touching.of(body, np.zeros(2, bool))
-    if touching.sheet.any():
-        return Sheets(body)
     springs, owner = body.springs[body.family == 0], body.jello[body.cells[:, 0]]
-    ropes = [springs[body.jello[springs[:, 0]] == j] for j in (0, 1)]
     cells = [body.cells[owner == j] for j in (0, 1)]
+    faced = np.isin((0, 1), body.jello[body.surface[:, 0]])
+    if any(has_faces and not len(own) for has_faces, own in zip(faced, cells, strict=True)):
+        return Sheets(body)
+    ropes = [springs[body.jello[springs[:, 0]] == j] for j in (0, 1)]
     rows = [all(len(np.intersect1d(a, b)) == 4 for a, b in pairwise(own)) for own in cells]
     if all(rows):
-        pairs = list(zip(touching.rope, ropes, cells, strict=True))
-        return Lines(lambda x: [x[rope] if is_rope else joined(x[own].mean(1)) for is_rope, rope, own in pairs])
+        pairs = list(zip(ropes, cells, strict=True))
+        return Lines(lambda x: [joined(x[own].mean(1)) if len(own) else x[rope] for rope, own in pairs])
     return Solids(body, cells)
 
 
@@ -132,13 +129,3 @@ def segments_cross(one: Array, other: Array) -> tuple[Array, Array]:
     size = np.maximum(dd * ee - de * de, 1e-30)
     s, t = (de * er - dr * ee) / size, (dd * er - de * dr) / size
     return -np.einsum("kd,kd->k", np.cross(d, e), r), (s > 0.0) & (s < 1.0) & (t > 0.0) & (t < 1.0)
-
-
-def linking(one: Array, other: Array) -> float:
-    """How often two closed lines through the places (A, 3) and (B, 3) go through each other, as links of a chain do
-    once, by Gauss's integral over both."""
-    a, b = (np.concatenate([line + part * (np.roll(line, -1, 0) - line) for part in FINE], 1) for line in (one, other))
-    a, b = a.reshape(-1, 3), b.reshape(-1, 3)
-    ways = np.cross((np.roll(a, -1, 0) - a)[:, None], (np.roll(b, -1, 0) - b)[None])
-    apart = a[:, None] - b[None]
-    return float(np.sum(np.einsum("abk,abk->ab", apart, ways) / np.linalg.norm(apart, axis=2) ** 3) / (4.0 * np.pi))

@@ -1,5 +1,4 @@
-"""Jellos put into each other by half, which are to come apart, and jellos thrown at each other at 20 m/s, which are not
-to pass: how many of many poses do what, and what energy it gives."""
+"""Jellos thrown at each other at 20 m/s, which are not to pass: how many of many poses do."""
 
 import argparse
 from collections.abc import Iterator
@@ -10,7 +9,7 @@ from typing import Any
 from taichi_jello import runtime
 from taichi_jello.physics.choice import AUTO, check
 from taichi_jello.scene import SceneError
-from taichi_jello.studies._pairs import SHAPES, Pair, overlapped, thrown
+from taichi_jello.studies._pairs import SHAPES, Pair, thrown
 from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
 from taichi_jello.words import counted
 
@@ -19,7 +18,6 @@ MESHES = ("rabbit", "teapot")
 POSES, FEW_OF_MESHES, FEW = 12, 4, 3
 QUICK = {"box", "ring", "sheet", "rope"}
 PAIRS = list(combinations_with_replacement(SHAPES, 2))
-HALVES = [Pair(*names) for names in PAIRS]
 WAYS = ((0.1, 200.0), (1.0, 200.0), (0.1, 1e4), (1.0, 1e5))  # size [m] and stiffness [N/m] of what is thrown
 THROWS = [
     Pair(*names, *way)
@@ -38,66 +36,47 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
         if name not in SHAPES:
             raise SceneError("study contact", f"expected shapes, of {', '.join(SHAPES)}, got {name!r}")
     check(method)
-    work = [(what, pair) for what, pairs in (("half", HALVES), ("throw", THROWS)) for pair in pairs]
     only = set(chosen.scenes) or (QUICK if chosen.quick else set(SHAPES))
-    work = [(what, pair) for what, pair in work if {pair.one, pair.other} <= only]
+    work = [pair for pair in THROWS if {pair.one, pair.other} <= only]
     told: dict[str, Any] = machine() | {"method": method, "rows": []}
     take(chosen, told, pieces(chosen, work, method, told), "contact", len(work))
     return told
 
 
-def pieces(
-    chosen: argparse.Namespace, work: list[tuple[str, Pair]], method: str, told: dict[str, Any]
-) -> Iterator[None]:
-    for what, pair in work:
+def pieces(chosen: argparse.Namespace, work: list[Pair], method: str, told: dict[str, Any]) -> Iterator[None]:
+    for pair in work:
         runtime.start(chosen.arch, chosen.precision, chosen.threads)
         poses = FEW if chosen.quick else FEW_OF_MESHES if {pair.one, pair.other} & set(MESHES) else POSES
-        told["rows"].append(row(what, pair, method, chosen.poses or poses))
+        told["rows"].append(row(pair, method, chosen.poses or poses))
         yield
 
 
-def row(what: str, pair: Pair, method: str, poses: int) -> dict[str, Any]:
-    """What becomes of a pair: which poses end badly, which need a pull or go round each other, and the most energy [J]
-    gained."""
+def row(pair: Pair, method: str, poses: int) -> dict[str, Any]:
+    """What becomes of a pair: in which poses one goes through the other, and in which round it."""
     simulation = pair.simulation(method)
-    told = {"what": what, "one": pair.one, "other": pair.other, "size": pair.size, "stiffness": pair.stiffness}
-    told |= {"method": simulation.method, "poses": poses}
-    if what == "half":
-        found = list(overlapped(simulation, range(poses)))
-        bad, aside, gained = "held", "pulled", max(0.0, *(one["gained"] for one in found))
-    else:
-        found = list(thrown(simulation, pair.size, range(poses)))
-        bad, aside, gained = "through", "beyond", None
-    bad_ones, aside_ones = ([one["pose"] for one in found if one[key]] for key in (bad, aside))
-    return told | {"bad": bad_ones, "aside": [pose for pose in aside_ones if pose not in bad_ones], "gained": gained}
+    told = {"one": pair.one, "other": pair.other, "size": pair.size, "stiffness": pair.stiffness}
+    found = list(thrown(simulation, pair.size, range(poses)))
+    through = [one["pose"] for one in found if one["through"]]
+    around = [one["pose"] for one in found if one["beyond"] and not one["through"]]
+    return told | {"method": simulation.method, "poses": poses, "through": through, "around": around}
 
 
 def text(told: dict[str, Any]) -> str:
-    parts = [headline(told)]
-    for what, heads in (
-        ("half", ("overlapped by half", "method", "poses", "held", "apart when pulled, or linked", "gained [J]")),
-        ("throw", ("thrown at 20 m/s", "method", "poses", "went through", "went round", "")),
-    ):
-        own = [one for one in told["rows"] if one["what"] == what]
-        if own:
-            lines = [
-                (named(one), one["method"], one["poses"], len(one["bad"]), len(one["aside"]),
-                 "" if one["gained"] is None else one["gained"])
-                for one in own
-            ]  # fmt: skip
-            bad, poses = sum(len(one["bad"]) for one in own), sum(one["poses"] for one in own)
-            parts += [table(heads, lines), f"{counted(poses, 'pose')}, {bad} {heads[3]}"]
+    parts, own = [headline(told)], told["rows"]
+    if own:
+        heads = ("thrown at 20 m/s", "method", "poses", "went through", "went round")
+        lines = [(named(one), one["method"], one["poses"], len(one["through"]), len(one["around"])) for one in own]
+        through, poses = sum(len(one["through"]) for one in own), sum(one["poses"] for one in own)
+        parts += [table(heads, lines), f"{counted(poses, 'pose')}, {through} went through"]
     return "\n".join(parts + ["interrupted"] * told["interrupted"])
 
 
 def named(one: dict[str, Any]) -> str:
-    name = f"{one['one']}, {one['other']}"
-    return name if one["what"] == "half" else f"{name}, {one['size']:g} m, {one['stiffness']:g} N/m"
+    return f"{one['one']}, {one['other']}, {one['size']:g} m, {one['stiffness']:g} N/m"
 
 
 def rows(told: dict[str, Any]) -> list[dict[str, Any]]:
-    lists = ("bad", "aside")
-    return [one | {key: " ".join(map(str, one[key])) for key in lists} for one in told["rows"]]
+    return [one | {key: " ".join(map(str, one[key])) for key in ("through", "around")} for one in told["rows"]]
 
 
 def plot(told: dict[str, Any], path: Path) -> None:
@@ -105,17 +84,13 @@ def plot(told: dict[str, Any], path: Path) -> None:
     figure = new_figure(9.0, 1.5 + 0.17 * len(told["rows"]))
     axes = figure.add_subplot()
     for place, one in enumerate(told["rows"]):
-        bad, aside = (len(one[key]) / one["poses"] for key in ("bad", "aside"))
+        through, around = (len(one[key]) / one["poses"] for key in ("through", "around"))
         left = 0.0
-        for share, color in ((bad, "#d0392b"), (aside, "#e0b040"), (1.0 - bad - aside, "#2f8a50")):
+        for share, color in ((through, "#d0392b"), (around, "#e0b040"), (1.0 - through - around, "#2f8a50")):
             axes.barh(place, share, 0.8, left, color=color)
             left += share
     axes.set_yticks(range(len(told["rows"])), [named(one) for one in told["rows"]], fontsize=7)
     axes.set(xlim=(0.0, 1.0), ylim=(len(told["rows"]) - 0.4, -0.6), xlabel="share of the poses")
     axes.spines[:].set_visible(False)
-    figure.suptitle(
-        "Overlapped by half: apart by themselves (green), when pulled (yellow), held (red)\n"
-        "Thrown at 20 m/s: come back (green), gone round (yellow), gone through (red)",
-        fontsize=9,
-    )
+    figure.suptitle("Thrown at 20 m/s: come back (green), gone round (yellow), gone through (red)", fontsize=9)
     save_figure(figure, path)

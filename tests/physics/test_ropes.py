@@ -13,7 +13,6 @@ from taichi_jello import Box, Contact, Rope, Scene, Sheet, Simulation, Snapshot,
 from taichi_jello.explain import facts
 from taichi_jello.physics import loads, neighbours
 from taichi_jello.physics.elements import closest
-from taichi_jello.physics.neighbours import RoomWarning
 from taichi_jello.physics.ropes import TWICE
 from taichi_jello.physics.touching import AT_ONCE, THICKNESS
 from taichi_jello.shapes.lattice import rotation
@@ -112,24 +111,19 @@ def test_forces_are_the_same_where_no_list_has_room_for_a_point_s_contacts(cross
     assert forces(simulation, x) == pytest.approx(found, abs=1e-5 * np.abs(found).max())
 
 
-def test_where_the_lists_have_no_room_it_is_told(monkeypatch, recwarn):
-    """Of two ropes squeezed into a ball every point has 23 segments near, and 7 places with the least room."""
-    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[Rope(points=24, length=3.0, **FREE)] * 2)
-
-    squeezed = 0.01 * np.random.default_rng(1).standard_normal((48, 3))
-
-    def begin(x):
-        simulation = Simulation(scene, method="rk4", substeps=1)
-        simulation.restore(Snapshot(0.0, x, np.zeros_like(x)))
-        simulation.step(1)
-
-    begin(squeezed)
-    assert not [one for one in recwarn if issubclass(one.category, RoomWarning)]
-    monkeypatch.setattr(neighbours, "ROOM", neighbours.ROW // 2)  # a row for each point: ropes have twice the room
-    begin(np.concatenate([squeezed[:24], squeezed[24:] + 9.0]))
-    assert not [one for one in recwarn if issubclass(one.category, RoomWarning)]
-    with pytest.warns(RoomWarning, match="more is near their 48 points than 384 places hold: some do not touch"):
-        begin(squeezed)
+@pytest.mark.parametrize("contact", [{}, {"touch": False}], ids=["with each other", "with themselves"])
+def test_where_the_lists_have_no_room_nothing_is_left_out(contact, monkeypatch, forces):
+    """Of two ropes and a box squeezed into a ball a point has up to 40 segments near, and 7 places with the least
+    room."""
+    ropes = [Rope(points=24, length=3.0, self_contact=bool(contact), **FREE)] * 2
+    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[*ropes, Box(points=(3, 3, 3))], contact=Contact(**contact))
+    start, found = 0.3 * np.random.default_rng(1).standard_normal((75, 3)), []
+    for room in (neighbours.ROOM, neighbours.ROW // 2):
+        monkeypatch.setattr(neighbours, "ROOM", room)
+        simulation = Simulation(scene, method="rk4", substeps=1, check_start=False)
+        found.append(forces(simulation, start))
+    assert not touch(simulation).near.has_room.to_numpy().all()
+    assert np.abs(found[0]).max() > 0.0 and np.array_equal(*found)
 
 
 def test_what_is_near_between_points_is_listed(crossed):

@@ -1,18 +1,13 @@
-"""What tests of jellos that touch share: their contact force, and pairs placed in each other and beside."""
+"""What tests of jellos that touch share: their contact force, and pairs placed beside each other."""
 
 import numpy as np
 
 from taichi_jello import Snapshot
 from taichi_jello.physics.forces.touch import Touch
-from taichi_jello.studies._pairs import half_in
 
 
 def touch(simulation):
     return next(force for force in simulation.system.all_forces if isinstance(force, Touch))
-
-
-def tangles(simulation):
-    return touch(simulation).contacts.tangles
 
 
 def placed(simulation, turns, shift, v=None):
@@ -23,9 +18,3 @@ def placed(simulation, turns, shift, v=None):
         rest = body.rest[body.jello == j]
         x[body.jello == j] = (rest - rest.mean(0)) @ turns[j].T + j * np.asarray(shift)
     simulation.restore(Snapshot(0.0, x, np.zeros_like(x) if v is None else v))
-
-
-def overlap_by_half(simulation, pose):
-    """At rest, turned by chance, and along a way by chance over half of the lesser extent; see half_in."""
-    x = half_in(simulation, pose)
-    simulation.restore(Snapshot(0.0, x, np.zeros_like(x)))

@@ -96,8 +96,7 @@ class ParticleForce:
     With `hurries` it may need a frame's steps taken in parts: `parts(x, v, frame_dt, dt)` says in how many, for the
     frame that begins with the particles at x and v, (N, 3) arrays. `stride(dt, solves, damping)` tells it how long the
     steps are that follow, whether they are solved for, and how fast [1/s] dashpots can damp. `nearest` [m]: the way
-    beyond which a step is taken in parts. `survey(system, x, start)` lets it look the state over as a frame begins, at
-    `start` [s]; `remembered()` tells what a snapshot must hold of that, `recall(memory, start)` goes back to it.
+    beyond which a step is taken in parts.
 
     `acts`: False while it does nothing, as a hand that is open.
 
@@ -143,9 +142,6 @@ class ParticleForce:
     stale: Any
     parts: Any
     stride: Any
-    survey: Any
-    remembered: Any
-    recall: Any
     nearest: float
 
     @classmethod

@@ -131,8 +131,6 @@ class Touch(ParticleForce):
         """What a dashpot in a core may have [1/s], of the lightest particle and of all of a jello: where a step is
         solved for it stops all of it within one; else no more than what the other dashpots leave of the step's limit,
         which is at 2/dt or beyond for every scheme."""
-        if self.contacts.tangles:
-            self.contacts.tangles.begin()
         stops = (0.0, 1.0 / dt) if solves else (STOP * max(0.0, 1.0 / dt - 0.5 * damping), 0.0)
         if stops != self._stops:
             self._stops = stops
@@ -312,17 +310,6 @@ class Touch(ParticleForce):
 
     def begin_frame(self, start, end):
         self.near.begin_frame(start)
-
-    def survey(self, system, x, start):
-        if self.contacts.tangles:
-            self.contacts.tangles.look_over(system, self.contacts, x, start)
-
-    def remembered(self):
-        return self.contacts.tangles.remembered() if self.contacts.tangles else {}
-
-    def recall(self, memory, start):
-        if self.contacts.tangles:
-            self.contacts.tangles.recall(memory, start)
 
     def refresh(self, system, t, dt):
         self.near.refresh(system, t, dt, self.frame_dt)
