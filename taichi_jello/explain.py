@@ -65,7 +65,7 @@ def _in_parts_beyond(simulation: Simulation) -> float | None:
     """[m] The way by which jellos may come at each other in one step: automatic steps are taken in parts beyond it."""
     if simulation.asked_step != ("auto", None):
         return None
-    least = min((force.nearest for force in simulation.system.hurried), default=np.inf)
+    least = min((force.nearest for force in simulation.system.mutual), default=np.inf)
     return least if np.isfinite(least) else None
 
 

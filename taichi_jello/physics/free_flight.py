@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_jello.physics.forces._base import MutualForce
 from taichi_jello.physics.forces.gravity import Gravity
 from taichi_jello.physics.rigid_motion import Motion, RigidMotion, cross, turned
 
@@ -29,9 +30,9 @@ class FreeFlight:
         self.count, self.number = system.count, system.memory.number
         self.free = np.bincount(body.jello, body.pinned) == 0.0
         contacts = [force for force in system.all_forces if force.energy_kind == "contact"]
-        self.with_colliders = tuple(force for force in contacts if not force.mutual)
+        self.with_colliders = tuple(force for force in contacts if not isinstance(force, MutualForce))
         self.fall = next((force for force in system.all_forces if isinstance(force, Gravity)), None)
-        self.mutual = [force for force in contacts if force.mutual]
+        self.mutual = [force for force in contacts if isinstance(force, MutualForce)]
         known = [*contacts, self.fall]
         self.others = [force for force in system.all_forces if not force.couples and force not in known]
         self.thinnest = min((c.thickness for force in self.with_colliders for c in force.colliders), default=np.inf)

@@ -37,7 +37,7 @@ class Probe:
     @ti.kernel
     def _look(self, r: ti.template()):
         """One round of System.look without a team, whose other members would be waited for."""
-        for force in ti.static(self.system.looking):
+        for force in ti.static(self.system.mutual):
             if ti.static(r < force.rounds):
                 force.look(r, self.system, 0, self.count, self.system.state.x, self.system.state.v, 0.0)
 

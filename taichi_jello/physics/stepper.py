@@ -20,9 +20,9 @@ class Stepper:
 
     def __init__(self, system: Any, integrator: Any):
         self.system, self.integrator, self.ledger = system, integrator, system.ledger
-        self.watched, self.team, self.count, self.books = system.watched, system.team, system.count, system.books
+        self.mutual, self.team, self.count, self.books = system.mutual, system.team, system.count, system.books
         self.compiled = False
-        if self.watched:
+        if self.mutual:
             self.reached = system.memory.table("clock", "steps done", np.zeros(1, np.int32))
 
     def take(self, first: int, last: int, dt: float) -> None:
@@ -40,7 +40,7 @@ class Stepper:
         done."""
         if not self.team:
             self._parallel_steps(origin, first, last, dt)
-            return self._reached() if self.watched else last
+            return self._reached() if self.mutual else last
         if self.system.size is None:
             return self._launch(origin, first, last, last, 1, dt)
         return self._watched_steps(origin, first, last, dt)
@@ -72,11 +72,11 @@ class Stepper:
         compiling = runtime.compiling_in_half_the_time() if self.integrator.solves else contextlib.nullcontext()
         with compiling:
             self._team_steps(origin, first, end, last, begins, self.system.members, dt)
-        return self._reached() if self.watched else end
+        return self._reached() if self.mutual else end
 
     @ti.kernel
     def _team_steps(self, origin: int, start: int, end: int, stop: int, begins: int, members: int, dt: float):
-        if ti.static(len(self.watched) > 0):
+        if ti.static(len(self.mutual) > 0):
             self.reached[0] = start
         self.system.gather(members)
         if ti.static(self.team == 1):
@@ -92,7 +92,7 @@ class Stepper:
                 if begins:
                     self.integrator.begin(self.system, first, last, start * dt)
             for step in range(start, end):
-                if ti.static(len(self.watched) > 0):
+                if ti.static(len(self.mutual) > 0):
                     self._watch(first, last, step * dt, dt)
                     self.system.wait_for_team()
                     if not self._stale():
@@ -115,7 +115,7 @@ class Stepper:
         self.system.brake(first, last)
         if ti.static(self.books):
             self.ledger.book(self.system, first, last, step + 1 - origin, stop - origin, origin, dt)
-        if ti.static(len(self.watched) > 0):  # noqa: SIM102
+        if ti.static(len(self.mutual) > 0):  # noqa: SIM102
             if first == 0:
                 self.reached[0] = step + 1
 
@@ -127,14 +127,14 @@ class Stepper:
 
     @ti.func
     def _watch(self, first, last, t, dt):
-        for force in ti.static(self.watched):
+        for force in ti.static(self.mutual):
             force.watch(first, last, self.system.state.x, self.system.state.v, t, dt)
 
     @ti.func
     def _stale(self):
         """Whether what a force keeps by itself for many steps may be wrong in the next one."""
         stale = 0
-        for force in ti.static(self.watched):
+        for force in ti.static(self.mutual):
             stale = stale | force.stale()
         return stale
 
@@ -152,7 +152,7 @@ class Stepper:
         if self.integrator.has_begin:
             self._parallel_begin(first * dt)
         for step in range(first, last):
-            if self.watched:
+            if self.mutual:
                 self._parallel_watch(step, dt)
             if self.integrator.solves:
                 self._parallel_solves(step, dt)
@@ -162,12 +162,12 @@ class Stepper:
                 self._parallel_last_stage(self.integrator.stages - 1, step, dt)
             if self.system.brakes and not self._is_stale():
                 self._parallel_brake()
-            if self.books and not (self.watched and self._is_stale()):
+            if self.books and not (self.mutual and self._is_stale()):
                 self._parallel_book(origin, step + 1, last, dt)
 
     def _parallel_solves(self, step: int, dt: float) -> None:
         """One step of a scheme that solves: every turn of the solver is a kernel of its own, and so is its end."""
-        if self.watched and self._is_stale():
+        if self.mutual and self._is_stale():
             return
         for s in range(self.integrator.stages):
             self._parallel_stage(s, step, dt)
@@ -175,7 +175,7 @@ class Stepper:
                 self._parallel_turn(mode)
                 self._parallel_turn_ends()
         self._parallel_finish(step * dt, dt)
-        if self.watched:
+        if self.mutual:
             self.reached[0] = step + 1
 
     @ti.kernel
@@ -195,7 +195,7 @@ class Stepper:
 
     @ti.kernel
     def _parallel_stage(self, s: int, step: int, dt: float):
-        if ti.static(len(self.watched) > 0):
+        if ti.static(len(self.mutual) > 0):
             last = ti.select(self._stale(), 0, self.count)  # then these loops do nothing
             self.integrator.stage(self.system, 0, last, s, step * dt, dt)
         else:
@@ -219,7 +219,7 @@ class Stepper:
 
     @ti.kernel
     def _parallel_last_stage(self, s: int, step: int, dt: float):
-        if ti.static(len(self.watched) > 0):
+        if ti.static(len(self.mutual) > 0):
             last = ti.select(self._stale(), 0, self.count)
             self.integrator.stage(self.system, 0, last, s, step * dt, dt)
             self.integrator.finish(self.system, 0, last, step * dt, dt)

@@ -12,7 +12,7 @@ from taichi_jello.body import Body
 from taichi_jello.physics import forces as force_folder
 from taichi_jello.physics.bounds import Bound
 from taichi_jello.physics.changes import Changes
-from taichi_jello.physics.forces._base import ParticleForce, cut
+from taichi_jello.physics.forces._base import MutualForce, ParticleForce, cut
 from taichi_jello.physics.forces.field import CallableField, GridField
 from taichi_jello.physics.forces.springs import Springs
 from taichi_jello.physics.gather import reach
@@ -78,13 +78,12 @@ class System:
         self.springs_first = any(isinstance(force, Springs) for force in passes)
         self.one_by_one = tuple(force for force in self.all_forces if not force.in_passes)
         self.prepared = tuple(force for force in self.all_forces if force.prepares)
-        self.looking = tuple(force for force in self.all_forces if force.looks)
-        self.rounds = max((force.rounds for force in self.looking), default=0)
+        self.mutual = tuple(force for force in self.all_forces if isinstance(force, MutualForce))
+        self.rounds = max((force.rounds for force in self.mutual), default=0)
         self.burdens = tuple(force for force in self.all_forces if force.burdens)
-        self.watched = tuple(force for force in self.all_forces if force.watches)
-        self.hurried, self.parts = tuple(force for force in self.all_forces if force.hurries), 1
+        self.parts = 1  # that each step of the frame is taken in
         self.sweeps = tuple(force.sweep for force in self.all_forces if force.sweep)
-        self.brakes = tuple(force.brake for force in self.all_forces if force.brake)
+        self.brakes = tuple(force.brake for force in self.mutual if force.brake)
         springs = next((force for force in self.all_forces if isinstance(force, Springs)), None)
         self.heat = Heat(self, springs, body) if springs else None
         damped = any(force.reads_velocity for force in self.all_forces)
@@ -197,7 +196,7 @@ class System:
         """Let forces find what the particles touch at x + ahead v; the shares of the particles first … last - 1."""
         for r in ti.static(range(self.rounds)):
             self.wait_for_team()  # until x and v of all particles, and then what the last round found, are there
-            for force in ti.static(self.looking):
+            for force in ti.static(self.mutual):
                 if ti.static(r < force.rounds):
                     force.look(r, self, first, last, x, v, ahead)
 
@@ -253,7 +252,7 @@ class System:
 
     def get_ready(self, integrator: Integrator, dt: float) -> None:
         """Before steps of dt [s] by `integrator`."""
-        for force in self.hurried:
+        for force in self.mutual:
             force.stride(dt, integrator.solves, self.bound.damping)
         if integrator.solves:
             integrator.prepare(self, dt)
@@ -262,12 +261,12 @@ class System:
 
     def refresh(self, t: float, dt: float) -> None:
         """Have forces bring up to date what they keep for many steps, where they do not know that it is."""
-        for force in self.watched:
+        for force in self.mutual:
             if not force.fresh:
                 force.refresh(self, t, dt)
 
     def forget(self) -> None:
-        for force in self.watched:
+        for force in self.mutual:
             force.forget()
 
     def begin_frame(
@@ -294,7 +293,7 @@ class System:
 
     def _choose_parts(self, frame_dt: float, dt: float) -> int:
         """In how many parts automatic steps of dt [s] are taken in the frame that begins."""
-        asked = [force.parts(self.good.x, self.good.v, frame_dt, dt) for force in self.hurried]
+        asked = [force.parts(self.good.x, self.good.v, frame_dt, dt) for force in self.mutual]
         if dt > self.bound.wild_dt * (1.0 + 1e-9) and self.heat and self.heat.wild():
             asked.append(ceil(dt / self.bound.wild_dt * (1.0 - 1e-9)))
         return max(asked, default=1)

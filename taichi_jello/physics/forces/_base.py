@@ -69,11 +69,6 @@ class ParticleForce:
     loop over its own points first … last - 1, each of which writes to its own place only. The members of a team
     share the points, and all of them are done before any force on a particle is asked for.
 
-    With `looks` it finds something once a step that all evaluations of the step go by; where a step is solved for, at
-    each evaluation. It defines `rounds` and `@ti.func look(self, r: ti.template(), system, first, last, x, v, ahead)`,
-    one round of looking at the particles at x + ahead v, by the member of the team whose particles are first … last - 1
-    (it cuts what else there is by `system.share_of`); all members have done a round before the next one begins.
-
     With `burdens` it also acts on a few particles that it makes heavier. It defines `@ti.func load(self, first, last,
     x, v, t, a)`, which changes the accelerations a that all else gives those of them among first … last - 1; and for
     one particle `@ti.func added_mass(self, i)` [kg] and `@ti.func on_held(self, i, x, v, t)`, its force [N].
@@ -86,24 +81,9 @@ class ParticleForce:
     together and the most that it stiffens each pair by; `generation` counts how often these have changed, other than
     by `tune`. A force with neither still acts at the end of the step, but the solve does not see it coming.
 
-    With `watches` it keeps something for many steps that is right as long as the particles have not moved too far. It
-    defines `fresh`, whether it is right to its knowledge; `forget()`, after which it is not; `refresh(system, t,
-    dt)`, which brings it up to date for the state of the system `t` seconds after the current frame began and steps of
-    dt [s]; `@ti.func watch(self, first, last, x, v, t, dt)`, which before each step looks whether one of the
-    particles first … last - 1 may move too far in it; and `@ti.func stale(self)`, whether any may: then the step has to
-    wait.
-
-    With `hurries` it may need a frame's steps taken in parts: `parts(x, v, frame_dt, dt)` says in how many, for the
-    frame that begins with the particles at x and v, (N, 3) arrays. `stride(dt, solves, damping)` tells it how long the
-    steps are that follow, whether they are solved for, and how fast [1/s] dashpots can damp. `nearest` [m]: the way
-    beyond which a step is taken in parts.
-
     `acts`: False while it does nothing, as a hand that is open.
 
-    A force is `mutual` if what it does to some particles it does to others the other way.
-
-    With a `sweep` (see physics/sweep.py) every step ends with a look whether it went through something; with a `brake`
-    (see physics/brake.py) what has gone deep into something loses speed at its end.
+    With a `sweep` (see physics/sweep.py) every step ends with a look whether it went through something.
 
     For the energy ledger (see physics/ledger.py) a force that stores energy and also has losses names these in
     `works` and defines `@ti.func powers(self, i, x, v, t)`, a vector with particle i's share of each [W].
@@ -114,35 +94,20 @@ class ParticleForce:
     reads_velocity: bool = False
     in_passes: bool = False
     prepares: bool = False
-    looks: bool = False
-    rounds: int = 0
     burdens: bool = False
-    watches: bool = False
     points: int = 0
     has_curvature: bool = False
     couples: bool = False
     generation: int = 0
-    mutual: bool = False
     acts: bool = True
-    hurries: bool = False
-    fresh: bool = True
     sweep: Any = None
-    brake: Any = None
     works: tuple[str, ...] = ()
     prepare: Any
     on: Any
     powers: Any
-    look: Any
     load: Any
     added_mass: Any
     on_held: Any
-    refresh: Any
-    forget: Any
-    watch: Any
-    stale: Any
-    parts: Any
-    stride: Any
-    nearest: float
 
     @classmethod
     def made_for(cls, scene: Scene, particles: Particles) -> list[Any]:
@@ -161,3 +126,39 @@ class ParticleForce:
 
     def begin_frame(self, start: float, end: float) -> None:
         """Bring live values up to date for the frame from `start` to `end` [s]."""
+
+
+class MutualForce(ParticleForce):
+    """A force between jellos: what it does to some particles it does to others the other way.
+
+    It finds what touches once a step, for all evaluations of the step; where a step is solved for, at each evaluation.
+    It defines `rounds` and `@ti.func look(self, r: ti.template(), system, first, last, x, v, ahead)`, one round of
+    looking at the particles at x + ahead v, by the member of the team whose particles are first … last - 1 (it cuts
+    what else there is by `system.share_of`); all members have done a round before the next one begins.
+
+    It keeps for many steps what is `near` (see physics/neighbours.py), which is right as long as the particles have not
+    moved too far. It defines `fresh`, whether it is right to its knowledge; `forget()`, after which it is not;
+    `refresh(system, t, dt)`, which brings it up to date for the state of the system `t` seconds after the current frame
+    began and steps of dt [s]; `@ti.func watch(self, first, last, x, v, t, dt)`, which before each step looks whether
+    one of the particles first … last - 1 may move too far in it; and `@ti.func stale(self)`, whether any may: then the
+    step has to wait.
+
+    It may need a frame's steps taken in parts: `parts(x, v, frame_dt, dt)` says in how many, for the frame that begins
+    with the particles at x and v, (N, 3) arrays. `nearest` [m]: the way beyond which a step is taken in parts.
+    `stride(dt, solves, damping)` tells it how long the steps are that follow, whether they are solved for, and how fast
+    [1/s] dashpots can damp. With a `brake` (see physics/brake.py) what has gone deep into something loses speed at the
+    end of a step.
+    """
+
+    near: Any
+    rounds: int
+    nearest: float
+    fresh: Any
+    brake: Any = None
+    look: Any
+    refresh: Any
+    forget: Any
+    watch: Any
+    stale: Any
+    parts: Any
+    stride: Any

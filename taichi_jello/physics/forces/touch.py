@@ -18,7 +18,7 @@ from taichi_jello.law import loose
 from taichi_jello.physics.approach import Approach
 from taichi_jello.physics.contact_law import ContactLaw
 from taichi_jello.physics.contacts import Contacts
-from taichi_jello.physics.forces._base import ParticleForce, Rates, block, cut, even_block
+from taichi_jello.physics.forces._base import MutualForce, Rates, block, cut, even_block
 from taichi_jello.physics.forces.contact import pressure, rub
 from taichi_jello.physics.forces.skin_contact import steepest
 from taichi_jello.physics.loads import LOAD
@@ -31,11 +31,11 @@ BLIND = ("vulkan", "metal")  # compiled for them, the search makes lists that st
 
 
 @ti.data_oriented
-class Touch(ParticleForce):
+class Touch(MutualForce):
     title = "touch"
     energy_kind = "contact"
     reads_velocity = True
-    prepares = looks = watches = has_curvature = mutual = hurries = True
+    prepares = has_curvature = True
     works = ("touch dashpots", "touch friction")
 
     def __init__(self, scene, particles, itself):

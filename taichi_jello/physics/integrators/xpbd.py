@@ -17,6 +17,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.bounds import largest_dt
+from taichi_jello.physics.forces._base import MutualForce
 from taichi_jello.physics.forces.springs import dashpot, hooke
 from taichi_jello.physics.integrators._base import Integrator, oscillator_matrix
 from taichi_jello.physics.integrators._budget import TRIES, Budget
@@ -64,7 +65,7 @@ class XPBD(Integrator):
 
     def meet(self, forces):
         # A force between particles is taken where the step begins, equal and opposite, to keep the momentum.
-        self.holding = tuple(f for f in forces if f.has_curvature and not f.mutual)
+        self.holding = tuple(f for f in forces if f.has_curvature and not isinstance(f, MutualForce))
         self.pushing = tuple(f for f in forces if not f.couples and f not in self.holding)
         self.springs = next((f for f in forces if f.couples), None)
         self.colors = self._list_springs() if self.springs else 0

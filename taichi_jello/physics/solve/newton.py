@@ -224,11 +224,13 @@ class Newton:
     @ti.func
     def settle(self, first, last):
         """Give each jello the momentum and angular momentum that the residual still asks for: rounded springs hide it
-        from the tolerances, and left out of every step it adds up to half a metre of a fall."""
+        from the tolerances, and left out of every step it adds up to half a metre of a fall. Not to a jello that
+        touches something: what is left there is not its alone."""
+        c = self.registers[C]
         for i in range(first, last):
-            way = self.rigid.displacement(i, self.at.x)
-            self.at.v[i] = self.at.v[i] + way / self.registers[C]
-            self.at.x[i] = self.z[i] + self.registers[C] * self.at.v[i]
+            if self.rigid.is_free(i, c):
+                self.at.v[i] = self.at.v[i] + self.rigid.displacement(i, self.at.x) / c
+                self.at.x[i] = self.z[i] + c * self.at.v[i]
 
     @ti.func
     def choose_direction(self, system):

@@ -21,6 +21,7 @@ from taichi_jello.physics.state import LANES
 
 MODES = 6
 ENTRIES = 21  # of a symmetric matrix of that size
+FREE = 0.999  # of the displacement that a force gives a jello which nothing but its mass resists
 
 
 @ti.func
@@ -69,6 +70,7 @@ class Rigid:
         self.spans = memory.table("solve", "jellos", np.stack([*spans, free], 1))
         self.group = memory.table("solve", "jello", np.pad(body.jello, (0, memory.padded - len(body))))
         self.jellos = jellos
+        self.mass = memory.table("solve", "masses", np.bincount(body.jello, body.mass))
         self.center = memory.table("solve", "centres", np.zeros((jellos, 3)))
         self.inverse = memory.numbers("solve", "inverse of modes", (jellos, MODES, MODES))
         self.modes = memory.numbers("solve", "modes", (jellos, MODES))  # τ and ω that were asked for last
@@ -199,6 +201,15 @@ class Rigid:
         g = self.group[i]
         tau, omega = self.parts(g)
         return tau + omega.cross(x[i] - self.center[g])
+
+    @ti.func
+    def is_free(self, i, c):
+        """Whether nothing but its mass resists the jello of particle i, in a step of c [s], along any axis."""
+        g = self.group[i]
+        least = ti.cast(1.0, float)
+        for axis in ti.static(range(3)):
+            least = ti.min(least, self.inverse[g, axis, axis] * self.mass[g] / (c * c))
+        return least > FREE
 
     @ti.func
     def aim(self, system, first, last, part):
