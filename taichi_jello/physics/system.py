@@ -80,6 +80,8 @@ class System:
         self.prepared = tuple(force for force in self.all_forces if force.prepares)
         self.mutual = tuple(force for force in self.all_forces if isinstance(force, MutualForce))
         self.rounds = max((force.rounds for force in self.mutual), default=0)
+        outer = [f for f in self.all_forces if f.has_curvature and not f.couples and f not in self.mutual]
+        self.closed = bool(self.mutual) and not outer and not body.pinned.any()  # jellos can touch only each other
         self.burdens = tuple(force for force in self.all_forces if force.burdens)
         self.parts = 1  # that each step of the frame is taken in
         self.sweeps = tuple(force.sweep for force in self.all_forces if force.sweep)

@@ -208,7 +208,7 @@ class Newton:
         rests = self.counts[PHASE] == AT_REST
         upto, settled = ti.select(directs, last, first), ti.select(rests, last, first)  # a loop to `first` does nothing
         self.rigid.project(system, first, ti.max(upto, settled), self.at.x, self.r)
-        self.settle(first, settled)
+        self.settle(system, first, settled)
         self.inner_solver.apply(system, first, upto, self.r, self.s)
         for i in range(first, upto):  # s = (Q + A⁻¹) r, see rigid.py
             self.s[i] = self.s[i] + self.rigid.displacement(i, self.at.x)
@@ -222,14 +222,22 @@ class Newton:
             self.p[i] = self.d[i] if steps else self.s[i] + beta * self.p[i]
 
     @ti.func
-    def settle(self, first, last):
+    def settle(self, system, first, last):
         """Give each jello the momentum and angular momentum that the residual still asks for: rounded springs hide it
-        from the tolerances, and left out of every step it adds up to half a metre of a fall. Not to a jello that
-        touches something: what is left there is not its alone."""
+        from the tolerances, and left out of every step it adds up to half a metre of a fall. Those that touch each
+        other, where nothing else can be touched, are given their momentum together."""
         c = self.registers[C]
+        if ti.static(system.closed):
+            for _ in range(1):
+                if first == 0 and last > 0:
+                    self.rigid.join(c)
+            system.wait_for_team()
         for i in range(first, last):
-            if self.rigid.is_free(i, c):
+            if self.rigid.is_free(self.rigid.group[i], c):
                 self.at.v[i] = self.at.v[i] + self.rigid.displacement(i, self.at.x) / c
+                self.at.x[i] = self.z[i] + c * self.at.v[i]
+            elif ti.static(system.closed):
+                self.at.v[i] = self.at.v[i] + self.rigid.together[0]
                 self.at.x[i] = self.z[i] + c * self.at.v[i]
 
     @ti.func
@@ -258,8 +266,16 @@ class Newton:
                 # The first step is gone however short: a fall gains little in a short one, and must gain it.
                 self.mode[0] = EVALUATE
                 if ends and self.counts[ROUNDS] > 1:
-                    self.registers[MOST] = self.counts[ROUNDS]  # the step is the last
+                    self.end()
         self.registers[RHO] = rho
+
+    @ti.func
+    def end(self):
+        """The step to go is the last one; where jellos touch nothing of it is gone, it would be noise."""
+        self.registers[MOST] = self.counts[ROUNDS]
+        for g in range(self.rigid.jellos):
+            if not self.rigid.is_free(g, self.registers[C]):
+                self.registers[PART] = 0.0
 
     @ti.func
     def in_vain(self):

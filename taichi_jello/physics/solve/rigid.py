@@ -71,6 +71,7 @@ class Rigid:
         self.group = memory.table("solve", "jello", np.pad(body.jello, (0, memory.padded - len(body))))
         self.jellos = jellos
         self.mass = memory.table("solve", "masses", np.bincount(body.jello, body.mass))
+        self.together = memory.table("solve", "speed together", np.zeros((1, 3)))
         self.center = memory.table("solve", "centres", np.zeros((jellos, 3)))
         self.inverse = memory.numbers("solve", "inverse of modes", (jellos, MODES, MODES))
         self.modes = memory.numbers("solve", "modes", (jellos, MODES))  # τ and ω that were asked for last
@@ -203,13 +204,22 @@ class Rigid:
         return tau + omega.cross(x[i] - self.center[g])
 
     @ti.func
-    def is_free(self, i, c):
-        """Whether nothing but its mass resists the jello of particle i, in a step of c [s], along any axis."""
-        g = self.group[i]
+    def is_free(self, g, c):
+        """Whether nothing but its mass resists jello g, in a step of c [s], along any axis."""
         least = ti.cast(1.0, float)
         for axis in ti.static(range(3)):
             least = ti.min(least, self.inverse[g, axis, axis] * self.mass[g] / (c * c))
         return least > FREE
+
+    @ti.func
+    def join(self, c):
+        """The speed [m/s] that the forces of the last projection give all jellos that are not free together in c [s]."""
+        force, mass = ti.Vector([0.0, 0.0, 0.0]), ti.cast(1e-30, float)
+        for g in range(self.jellos):
+            if not self.is_free(g, c):
+                force += ti.Vector([self.totals[g, 0], self.totals[g, 1], self.totals[g, 2]])
+                mass += self.mass[g]
+        self.together[0] = c / mass * force
 
     @ti.func
     def aim(self, system, first, last, part):
