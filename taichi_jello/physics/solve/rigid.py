@@ -213,7 +213,7 @@ class Rigid:
 
     @ti.func
     def join(self, c):
-        """The speed [m/s] that the forces of the last projection give in c [s] to all jellos together that are not free."""
+        """The speed [m/s] that the forces of the last projection give in c [s] to all jellos that are not free."""
         force, mass = ti.Vector([0.0, 0.0, 0.0]), ti.cast(1e-30, float)
         for g in range(self.jellos):
             if not self.is_free(g, c):
