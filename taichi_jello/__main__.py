@@ -2,6 +2,6 @@
 
 import sys
 
-from taichi_jello.cli import main
+from taichi_jello.app.cli import main
 
 sys.exit(main())

@@ -7,8 +7,9 @@ import warnings
 
 import pytest
 
-from taichi_jello import cli, runtime
+from taichi_jello.app import cli
 from taichi_jello.physics.integrators import schemes
+from taichi_jello.support import runtime
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what it runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)

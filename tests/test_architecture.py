@@ -9,6 +9,14 @@ import taichi_jello
 
 PACKAGE = Path(taichi_jello.__file__).parent
 
+# No folder imports one that stands after it, but where another way would be longer.
+FLOORS = ("support", "scene", "shapes", "physics", "scenefiles", "run", "film", "view", "studies", "app")
+UPWARDS = {
+    ("run/simulation.py", "view"),  # Simulation.render
+    ("studies/_probe.py", "app"),  # studies that run the command line
+    ("studies/__main__.py", "app"),
+}
+
 CHECK = """
 import sys, taichi as ti
 import taichi_jello
@@ -33,8 +41,21 @@ def test_only_the_runtime_starts_taichi():
 
 
 def test_scene_and_body_know_no_taichi():
-    for name in ("scene.py", "body.py", "shapes/lattice.py", "physics/bounds.py"):
+    for name in ("scene/description.py", "scene/body.py", "shapes/lattice.py", "physics/stable_step.py"):
         tree = ast.parse((PACKAGE / name).read_text())
         names = [a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names]
         names += [n.module or "" for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]
         assert not any(n == "taichi" or n.startswith("taichi.") for n in names), name
+
+
+def test_folders_import_only_what_stands_below_them():
+    found = set()
+    for path in PACKAGE.rglob("*.py"):
+        place = path.relative_to(PACKAGE)
+        if len(place.parts) == 1 or place.parts[0] not in FLOORS:
+            continue
+        imports = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.ImportFrom) and n.module]
+        names = [f"{n.module}.{a.name}".split(".") for n in imports for a in n.names]
+        above = FLOORS[FLOORS.index(place.parts[0]) + 1 :]
+        found |= {(place.as_posix(), n[1]) for n in names if n[0] == "taichi_jello" and n[1] in above}
+    assert found == UPWARDS

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_jello import Simulation, runtime, sceneio
+from taichi_jello import Simulation, scenefiles
 from taichi_jello.shapes._meshfile import flaws, read
 from taichi_jello.shapes.mesh import volume
+from taichi_jello.support import runtime
 
 pytest.importorskip("trimesh")
-MESHES = sceneio.demos()["rabbit"].parent / "meshes"
+MESHES = scenefiles.demos()["rabbit"].parent / "meshes"
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +61,7 @@ def test_the_rabbit_stands_on_its_feet(request):
     """The demo's own rabbit on fewer cells, a little above the ground: at rest its lowest point is within 1 % of its
     height of the ground, and its ears are up."""
     runtime.start(request.config.getoption("--arch"), "f32")
-    scene = sceneio.load("rabbit")
+    scene = scenefiles.load("rabbit")
     jello = replace(scene.jello[0], resolution=12, position=(0.0, 0.75, 0.0), stiffness=25.0)
     simulation = Simulation(replace(scene, jello=[jello], drag=2.0))
     start = simulation.body.skin_points(simulation.body.rest)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from taichi_jello import Ball, Box, Sheet
-from taichi_jello.assembly import built
-from taichi_jello.body import join
-from taichi_jello.torn import parted
+from taichi_jello.physics.forces.springs.tearing import parted
+from taichi_jello.run.assembly import built
+from taichi_jello.scene.body import join
 
 
 def cut(body, at=0.0, axis=0):

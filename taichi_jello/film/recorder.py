@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from taichi_jello.film.writer import FilmProblem, Writer
-from taichi_jello.plugins import classes
+from taichi_jello.support.plugins import classes
 
 WAITING = 4  # frames between the one who draws and the one who encodes
 PATTERN = re.compile(r"%(0\d+)?d")

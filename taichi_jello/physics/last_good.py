@@ -3,8 +3,8 @@
 import numpy as np
 import taichi as ti
 
-from taichi_jello.checked import FASTEST
 from taichi_jello.physics.state import Memory, State
+from taichi_jello.scene.validation import FASTEST
 
 
 @ti.data_oriented

@@ -3,8 +3,8 @@
 import numpy as np
 import taichi as ti
 
-from taichi_jello.body import Body
 from taichi_jello.physics.state import Memory
+from taichi_jello.scene.body import Body
 
 
 @ti.data_oriented

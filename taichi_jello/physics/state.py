@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_jello import runtime
+from taichi_jello.support import runtime
 
 LANES = 32  # particles in one block; a block's mask in the gather table is one 32-bit word
 # Below this many particles one thread that never waits is as quick as several that wait for each other at every stage.

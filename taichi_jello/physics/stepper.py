@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_jello import runtime
+from taichi_jello.support import runtime
 
 
 @ti.data_oriented

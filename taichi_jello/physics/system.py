@@ -7,27 +7,27 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_jello import runtime
-from taichi_jello.body import Body
 from taichi_jello.physics import forces as force_folder
-from taichi_jello.physics.bounds import Bound
-from taichi_jello.physics.changes import Changes
+from taichi_jello.physics.energies import Probe
+from taichi_jello.physics.energy_ledger import Ledger
 from taichi_jello.physics.forces._base import MutualForce, ParticleForce, cut
 from taichi_jello.physics.forces.field import CallableField, GridField
-from taichi_jello.physics.forces.springs import Springs
-from taichi_jello.physics.gather import reach
-from taichi_jello.physics.handles import Handles
-from taichi_jello.physics.heat import Heat
+from taichi_jello.physics.forces.springs.changes_over_time import Changes
+from taichi_jello.physics.forces.springs.hooke import Springs
+from taichi_jello.physics.forces.springs.packing import reach
 from taichi_jello.physics.integrators import scheme
 from taichi_jello.physics.integrators._base import Integrator
+from taichi_jello.physics.integrators.energy_limits.heat import Heat
 from taichi_jello.physics.last_good import LastGood
-from taichi_jello.physics.ledger import Ledger
+from taichi_jello.physics.moving_pins import Handles
 from taichi_jello.physics.particles import Particles
-from taichi_jello.physics.probe import Probe
+from taichi_jello.physics.stable_step import Bound
 from taichi_jello.physics.state import ALONE, Memory, State
 from taichi_jello.physics.team_size import TeamSize
-from taichi_jello.plugins import classes
-from taichi_jello.scene import Scene
+from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import Scene
+from taichi_jello.support import runtime
+from taichi_jello.support.plugins import classes
 
 FAR = 256.0  # m; there f32 has steps of 0.03 mm
 APART = 32  # whole numbers: so far from what all write to, on no processor's line of it
@@ -41,7 +41,7 @@ def force_kinds() -> list[type[ParticleForce]]:
 @ti.data_oriented
 class System:
     """All particles of `body` under the forces that `scene` needs, stepped by one scheme,
-    which `method` names, is or chooses (see physics/choice.py).
+    which `method` names, is or chooses (see run/auto_method.py).
 
     team: how many threads share the loop over a frame's substeps, each with its own particles, waiting for each other
     between the stages: the form for a CPU. It is the most; where something else is running fewer may be faster, see

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_jello.checked import SceneError
+from taichi_jello.scene.validation import SceneError
 
 SUFFIXES = (".obj", ".stl", ".ply", ".glb")
 MOST = 2_000_000  # triangles: beyond it a mesh takes longer to read than it could show

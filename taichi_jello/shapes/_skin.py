@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from taichi_jello.body import Body
-from taichi_jello.scene import Jello
+from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import Jello
 from taichi_jello.shapes.lattice import body_of, corners, hexahedra
 
 # A particle has at least this share of a whole cell's mass: a corner of a cell that is hardly filled would swing so

@@ -5,7 +5,7 @@ from math import prod
 import numpy as np
 import taichi as ti
 
-from taichi_jello import runtime
+from taichi_jello.support import runtime
 
 Points = ti.types.ndarray(dtype=ti.f32, ndim=2)
 Triangles = ti.types.ndarray(dtype=ti.i32, ndim=2)

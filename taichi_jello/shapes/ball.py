@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from taichi_jello.body import Body
-from taichi_jello.scene import Jello, SceneError, number, whole
+from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import Jello, SceneError, number, whole
 from taichi_jello.shapes._skin import FINE, skinned_body, split_edges
 from taichi_jello.shapes.lattice import LARGEST
 

@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from taichi_jello.body import Body
-from taichi_jello.scene import FAMILIES, Jello, SceneError, Vector, vector, whole
+from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import FAMILIES, Jello, SceneError, Vector, vector, whole
 
 LARGEST = 4_000_000  # particles; beyond it a scene is taken for a mistyped one
 

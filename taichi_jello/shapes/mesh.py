@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from taichi_jello.body import Body
-from taichi_jello.checked import SceneError, number, whole, word
-from taichi_jello.scene import Jello
+from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import Jello
+from taichi_jello.scene.validation import SceneError, number, whole, word
 from taichi_jello.shapes._meshfile import MeshWarning, flaws, read
 from taichi_jello.shapes._skin import FINE, parts, skinned_body, split_edges
 from taichi_jello.shapes.lattice import LARGEST

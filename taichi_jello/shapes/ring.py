@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from taichi_jello.body import Body
-from taichi_jello.scene import FAMILIES, Jello, SceneError, number
+from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import FAMILIES, Jello, SceneError, number
 from taichi_jello.shapes.lattice import OFFSETS, connect, counts, hexahedra, rotation, surface
 
 

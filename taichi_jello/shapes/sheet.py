@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from taichi_jello.body import Body
-from taichi_jello.scene import Jello, SceneError, number
+from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import Jello, SceneError, number
 from taichi_jello.shapes.lattice import counts, grid_body
 
 

@@ -10,11 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from taichi_jello.cli import main as jello
-from taichi_jello.options import studies
+from taichi_jello.app.cli import main as jello
+from taichi_jello.app.options import studies
 from taichi_jello.studies import speed
-from taichi_jello.studies._verdict import fastest
-from taichi_jello.words import plain
+from taichi_jello.studies._accuracy.verdict import fastest
+from taichi_jello.support.wording import plain
 
 END = "<!-- end -->"
 LONG = ("stress",)  # whole they take a quarter of an hour: here always as with --quick

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from taichi_jello.keyframes import Move
 from taichi_jello.physics.colliders.block import Block
 from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.colliders.sphere import Sphere
-from taichi_jello.region import Region
-from taichi_jello.scene import Scene, Solver
+from taichi_jello.run.simulation import Simulation
+from taichi_jello.scene.description import Scene, Solver
+from taichi_jello.scene.keyframes import Move
+from taichi_jello.scene.region import Region
 from taichi_jello.shapes.lattice import Box
-from taichi_jello.simulation import Simulation
 
 STILL = (0.0, 0.0, 0.0)
 FEWER = 50

@@ -11,11 +11,11 @@ from typing import Any
 
 from taichi.lang.kernel_impl import Kernel
 
-from taichi_jello import runtime
-from taichi_jello.cli import make_scene, make_simulation
-from taichi_jello.explain import facts
-from taichi_jello.options import options
-from taichi_jello.simulation import Simulation
+from taichi_jello.app.cli import make_scene, make_simulation
+from taichi_jello.app.options import options
+from taichi_jello.run.explain import facts
+from taichi_jello.run.simulation import Simulation
+from taichi_jello.support import runtime
 
 FRAMES, LEAST = 0.5, 3  # s of frames that are timed, and how many at least
 

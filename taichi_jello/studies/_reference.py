@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from taichi_jello.body import Body
 from taichi_jello.physics.colliders import plane, sphere
-from taichi_jello.physics.contact_law import AUTO, contact_numbers
-from taichi_jello.scene import Scene
+from taichi_jello.physics.forces.contact_law import AUTO, contact_numbers
+from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import Scene
 
 TOLERANCE = 1e-12
 KNOWN = {"springs", "gravity", "drag", "contact", "uniform field"}  # titles of forces

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_jello import __version__, interrupt, runtime
-from taichi_jello.progress import bar
+from taichi_jello import __version__
+from taichi_jello.support import interrupt, runtime
+from taichi_jello.support.progress import bar
 
 REPEATS = 9
 FIGURES = (".png", ".svg", ".pdf")  # what matplotlib writes

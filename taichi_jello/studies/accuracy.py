@@ -8,17 +8,18 @@ from math import ceil, sqrt
 from pathlib import Path
 from typing import Any
 
-from taichi_jello import runtime
 from taichi_jello.physics.integrators import scheme, schemes
-from taichi_jello.simulation import Simulation
-from taichi_jello.studies import _motion, _motion_page, _work_precision
-from taichi_jello.studies._ahead import Rest, begun, compiling_ahead
-from taichi_jello.studies._cases import Case, built_in, case_of, default
+from taichi_jello.run.simulation import Simulation
+from taichi_jello.studies._accuracy import work_precision
+from taichi_jello.studies._accuracy.ahead import Rest, begun, compiling_ahead
+from taichi_jello.studies._accuracy.cases import Case, built_in, case_of, default
+from taichi_jello.studies._accuracy.rolls import TIMINGS, Roll, one_point, time_in_turns
+from taichi_jello.studies._accuracy.truth import Truth, truth
+from taichi_jello.studies._accuracy.verdict import FRAME, conclude
+from taichi_jello.studies._motion import motion, motion_page
 from taichi_jello.studies._report import headline, keep, machine, table, take
-from taichi_jello.studies._rolls import TIMINGS, Roll, one_point, time_in_turns
-from taichi_jello.studies._truth import Truth, truth
-from taichi_jello.studies._verdict import FRAME, conclude
-from taichi_jello.words import plain
+from taichi_jello.support import runtime
+from taichi_jello.support.wording import plain
 
 RUNGS, LEAST_RUNGS = 8, 4  # steps on a ladder, each half of the one before
 SECONDS = {False: 36.0, True: 4.0}  # for all timings together, by --quick
@@ -42,8 +43,8 @@ class Plan:
 
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """All figures; with --quick the smooth case on a small lattice. Raises SceneError for an unknown method."""
-    if chosen.scene == _motion.NAME:
-        return _motion.measure(chosen)
+    if chosen.scene == motion.NAME:
+        return motion.measure(chosen)
     cases = asked_for(chosen)
     methods = chosen.method.split(",") if chosen.method else sorted(schemes())
     for method in methods:
@@ -161,7 +162,7 @@ def rows(told: dict[str, Any]) -> list[dict[str, Any]]:
 def text(told: dict[str, Any]) -> str:
     """The figures as tables, and what follows from them."""
     if "rows" in told:
-        return _motion_page.text(told)
+        return motion_page.text(told)
     lines = [f"{headline(told)}; {told['arch']}, {told.get('threads', 1)} threads"]
     for case in told["cases"]:
         lines += ["", *page(case)]
@@ -201,5 +202,5 @@ def page(case: dict[str, Any]) -> list[str]:
 
 def plot(told: dict[str, Any], path: Path) -> None:
     """Error over run time and over the step, a row of axes for each case. Raises Lacking."""
-    draw = _motion_page.draw if "rows" in told else _work_precision.draw
+    draw = motion_page.draw if "rows" in told else work_precision.draw
     draw(told, path)

@@ -6,12 +6,12 @@ from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import Any
 
-from taichi_jello import runtime
-from taichi_jello.physics.choice import AUTO, check
-from taichi_jello.scene import SceneError
-from taichi_jello.studies._pairs import SHAPES, Pair, thrown
+from taichi_jello.run.auto_method import AUTO, check
+from taichi_jello.scene.description import SceneError
+from taichi_jello.studies._contact.pairs import SHAPES, Pair, thrown
 from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
-from taichi_jello.words import counted
+from taichi_jello.support import runtime
+from taichi_jello.support.wording import counted
 
 MANY = True  # shapes in one call
 MESHES = ("rabbit", "teapot")

@@ -15,17 +15,18 @@ from typing import Any
 
 import taichi as ti
 
-from taichi_jello import runtime, sceneio
-from taichi_jello.clock import StepWarning
-from taichi_jello.explain import facts
+from taichi_jello import scenefiles
 from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.colliders.sphere import Sphere
 from taichi_jello.physics.forces.field import UniformField
 from taichi_jello.physics.forces.grab import Grab
-from taichi_jello.scene import Contact, Pin, Scene, SceneError, Solver
+from taichi_jello.run.clock import StepWarning
+from taichi_jello.run.explain import facts
+from taichi_jello.run.simulation import Simulation
+from taichi_jello.scene.description import Contact, Pin, Scene, SceneError, Solver
 from taichi_jello.shapes.lattice import Box
-from taichi_jello.simulation import Simulation
 from taichi_jello.studies._report import headline, in_turns, machine, summed_up, table, take
+from taichi_jello.support import runtime
 
 MANY = True  # scenes in one call
 STEPS = 200  # of a frame
@@ -89,9 +90,9 @@ FEATURES = (
 
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """All figures; with --quick one demo and short timings."""
-    scenes = chosen.scenes or (["family"] if chosen.quick else list(sceneio.demos()))
+    scenes = chosen.scenes or (["family"] if chosen.quick else list(scenefiles.demos()))
     for name in scenes:
-        sceneio.load(name)  # a scene that cannot be is told before anything runs
+        scenefiles.load(name)  # a scene that cannot be is told before anything runs
     features: tuple[Feature, ...] = () if chosen.scenes else FEATURES[:4] if chosen.quick else FEATURES
     told: dict[str, Any] = machine() | {"scenes": [], "features": []}
     take(chosen, told, pieces(chosen, scenes, features, told), "footprint", len(scenes) + len(features))

@@ -12,15 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from taichi_jello import runtime, sceneio
-from taichi_jello.clock import StepWarning
-from taichi_jello.diverged import Diverged
+from taichi_jello import scenefiles
 from taichi_jello.physics.integrators import scheme, schemes
-from taichi_jello.progress import bar
-from taichi_jello.scene import Scene, SceneError
-from taichi_jello.simulation import Simulation, Snapshot
+from taichi_jello.run.clock import StepWarning
+from taichi_jello.run.diverged import Diverged
+from taichi_jello.run.simulation import Simulation, Snapshot
+from taichi_jello.scene.description import Scene, SceneError
 from taichi_jello.studies._report import Lacking, headline, machine, table, take
-from taichi_jello.words import plain
+from taichi_jello.support import runtime
+from taichi_jello.support.progress import bar
+from taichi_jello.support.wording import plain
 
 PLOTS = (".png", ".mp4", ".gif")
 SIZE = (1280, 720)  # pixels of the whole picture
@@ -54,7 +55,7 @@ class Run:
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """Every method's drift [m] at the end; --method names those to be shown, separated by commas. The moments to be
     drawn are under `_runs`. Raises SceneError for an unknown method."""
-    scene = chosen.load() if chosen.scene else sceneio.load("cube")
+    scene = chosen.load() if chosen.scene else scenefiles.load("cube")
     usual = [name for name in USUAL if name in schemes()]
     methods = chosen.method.split(",") if chosen.method else usual
     for method in methods:
@@ -149,7 +150,7 @@ def text(told: dict[str, Any]) -> str:
 def plot(told: dict[str, Any], path: Path) -> None:
     """The last moment as one picture, or all of them as a film. Raises Lacking without what a film needs."""
     from taichi_jello.film import Film, FilmProblem
-    from taichi_jello.record import write_png
+    from taichi_jello.support.png_file import write_png
 
     if not told["methods"]:
         raise Lacking("nothing was measured that could be drawn")
@@ -172,8 +173,8 @@ class Tiles:
     """Draws all runs of a study beside each other, two or more in a row."""
 
     def __init__(self, told: dict[str, Any]):
-        from taichi_jello.view.renderers import drawing_of, open_renderer
-        from taichi_jello.view.springs import ramp_table
+        from taichi_jello.view.drawing.springs import ramp_table
+        from taichi_jello.view.render.renderers import drawing_of, open_renderer
 
         self.runs, self.exact, self.ramp = told["_runs"], told["_exact"], ramp_table()
         self.columns = ceil(sqrt(len(self.runs)))
@@ -193,8 +194,8 @@ class Tiles:
         return sheet
 
     def tile(self, k: int, frame: int) -> np.ndarray:
-        from taichi_jello.view.legend import legend
-        from taichi_jello.view.springs import Key
+        from taichi_jello.view.drawing.springs import Key
+        from taichi_jello.view.render.legend import legend
 
         run, drawing = self.runs[k], self.drawings[k]
         now, exact = run.moments[frame], self.exact[frame]

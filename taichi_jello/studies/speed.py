@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_jello import runtime
-from taichi_jello.body import Body
-from taichi_jello.clock import StepWarning
-from taichi_jello.scene import Camera, Scene, Solver
-from taichi_jello.sceneio import load
+from taichi_jello.run.clock import StepWarning
+from taichi_jello.run.simulation import Simulation
+from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import Camera, Scene, Solver
+from taichi_jello.scenefiles import load
 from taichi_jello.shapes.lattice import Box
-from taichi_jello.simulation import Simulation
-from taichi_jello.studies import _busy
 from taichi_jello.studies._report import REPEATS, headline, machine, spread, take
-from taichi_jello.studies._scenes import STIFF, VISIBLE, crowd_row, skin_row, thrown_row, voxel_row
-from taichi_jello.studies._scenes import lines as scene_lines
+from taichi_jello.studies._speed import busy
+from taichi_jello.studies._speed.scenes import STIFF, VISIBLE, crowd_row, skin_row, thrown_row, voxel_row
+from taichi_jello.studies._speed.scenes import lines as scene_lines
+from taichi_jello.support import runtime
 
 DT = 1e-6  # s; so short that nothing moves far: every pass does the same work
 LAUNCH = 200  # steps in a launch at most, about a drawn frame's
@@ -104,8 +104,8 @@ def numpy_row(n: int, least: float) -> dict[str, Any]:
 
 def renderer_rows(arch: str, quick: bool, least: float, repeats: int) -> list[dict[str, Any]]:
     """Pictures of the cube at 1280×720 per second, drawing fields and read-back included."""
-    from taichi_jello.view.ggui import available
-    from taichi_jello.view.renderers import drawing_of, finished, open_renderer
+    from taichi_jello.view.render.ggui import available
+    from taichi_jello.view.render.renderers import drawing_of, finished, open_renderer
 
     runtime.start(arch)
     simulation = Simulation(Scene(jello=[Box(position=(0.0, 0.8, 0.0))], camera=Camera()))
@@ -133,10 +133,10 @@ def window_row(arch: str, frames: int) -> dict[str, Any]:
     """Median milliseconds of a frame of the demo `cube` in a window of 1280×720, of the physics in it, of GGUI alone
     with the same triangles, lines and dots, and their ratio: the median over turns, in each of which both met the same
     machine. Without a screen, why not."""
-    from taichi_jello.replay import playable
-    from taichi_jello.view.ggui import Ggui, window_problem
-    from taichi_jello.view.screen import Screen
-    from taichi_jello.view.viewer import Viewer
+    from taichi_jello.run.replay import playable
+    from taichi_jello.view.render.ggui import Ggui, window_problem
+    from taichi_jello.view.window.screen import Screen
+    from taichi_jello.view.window.viewer import Viewer
 
     problem = window_problem()
     if problem is not None:
@@ -225,7 +225,7 @@ def pieces(arch: str, cases: list[dict[str, Any]], quick: bool, told: dict[str, 
     for n in sorted({case["n"] for case in cases})[:3]:
         told["numpy_gather"].append(numpy_row(n, least))
     yield
-    told["busy"] = _busy.busy_row(arch, 16 if quick else 32, 5.0 * least, repeats)
+    told["busy"] = busy.busy_row(arch, 16 if quick else 32, 5.0 * least, repeats)
     yield
     told["renderers"] = renderer_rows(arch, quick, least, repeats)
     yield
@@ -263,7 +263,7 @@ def text(told: dict[str, Any]) -> str:
             f"{row['n']:5d}  NumPy float32 gather: {us['min']:.0f} ({us['median']:.0f}) µs a pass, "
             f"{row['million_springs_per_second']:.1f} M springs/s; one thread here is {ratio:.0f} times as fast"
         )
-    lines += [_busy.line(row) for row in [told.get("busy")] if row]
+    lines += [busy.line(row) for row in [told.get("busy")] if row]
     for row in told["renderers"]:
         kind = f"{row['renderer']}, {row['samples']}x{row['samples']} samples, {row['springs']} springs"
         lines.append(f"{kind}: {row['pictures_per_second']:.1f} pictures/s")

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from taichi_jello import runtime
-from taichi_jello.body import Body
-from taichi_jello.clock import StepWarning
-from taichi_jello.diverged import Diverged
-from taichi_jello.physics.bounds import stable_limit
 from taichi_jello.physics.integrators import scheme, schemes
-from taichi_jello.scene import Scene
+from taichi_jello.physics.stable_step import stable_limit
+from taichi_jello.run.clock import StepWarning
+from taichi_jello.run.diverged import Diverged
+from taichi_jello.run.simulation import Simulation, Snapshot
+from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import Scene
 from taichi_jello.shapes.lattice import Box
-from taichi_jello.simulation import Simulation, Snapshot
 from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
+from taichi_jello.support import runtime
 
 POINTS = (4, 4, 4)
 MASS = 1.0 / 512.0  # kg, of a point

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from taichi_jello import runtime
-from taichi_jello.clock import StepWarning
-from taichi_jello.diverged import Diverged
-from taichi_jello.physics.choice import AUTO, check
 from taichi_jello.physics.integrators import schemes
-from taichi_jello.scene import SceneError
+from taichi_jello.run.auto_method import AUTO, check
+from taichi_jello.run.clock import StepWarning
+from taichi_jello.run.diverged import Diverged
+from taichi_jello.scene.description import SceneError
 from taichi_jello.studies._extremes import CASES, Extreme
 from taichi_jello.studies._report import headline, machine, new_figure, save_figure, table, take
-from taichi_jello.words import plain
+from taichi_jello.support import runtime
+from taichi_jello.support.wording import plain
 
 QUICK = (AUTO, "rk4", "backward-euler")
 FED = 1e-5  # of the greatest energy, by which backward Euler may add to it: rounding

@@ -3,6 +3,6 @@
 The physics knows nothing of it.
 """
 
-from taichi_jello.view.renderers import film_strip, open_renderer, picture, window_problem
+from taichi_jello.view.render.renderers import film_strip, open_renderer, picture, window_problem
 
 __all__ = ["film_strip", "open_renderer", "picture", "window_problem"]

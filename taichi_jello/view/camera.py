@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from taichi_jello.body import Body
 from taichi_jello.physics.colliders.room import Room
-from taichi_jello.scene import Camera, Scene
+from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import Camera, Scene
 
 NEAR = 0.05  # m; nothing nearer to the eye is drawn
 FAR = 1e5  # m

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichi_jello.body import Body
+from taichi_jello.scene.body import Body
 from taichi_jello.view.camera import NEAR, Viewpoint
 
 Place = tuple[float, float]  # column and row [pixels], from the upper left corner

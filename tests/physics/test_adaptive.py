@@ -6,9 +6,10 @@ from math import atan2, ceil, pi, sqrt
 import numpy as np
 import pytest
 
-from taichi_jello import Box, Pin, Plane, Scene, Simulation, Snapshot, Solver, runtime
-from taichi_jello.physics.rigid_motion import rotation
-from taichi_jello.trajectory import Trajectory, last_moment
+from taichi_jello import Box, Pin, Plane, Scene, Simulation, Snapshot, Solver
+from taichi_jello.physics.adaptive.rigid_motion import rotation
+from taichi_jello.run.trajectory import Trajectory, last_moment
+from taichi_jello.support import runtime
 
 STILL, FALL, G = (0.0, 0.0, 0.0), (0.0, -9.81, 0.0), 9.81
 FRAME = 1.0 / 24.0  # s; cut into substeps it is a frame of another length

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichi_jello.physics.boxtree import WIDE, BoxTree
+from taichi_jello.physics.forces.soft_contact.search.box_tree import WIDE, BoxTree
 
 
 def test_a_tree_holds_every_element_once_in_compact_nodes():

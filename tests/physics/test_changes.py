@@ -18,7 +18,7 @@ from taichi_jello import (
     Simulation,
     Snapshot,
 )
-from taichi_jello.physics.forces.springs import Springs
+from taichi_jello.physics.forces.springs.hooke import Springs
 
 WEIGHTLESS = (0.0, 0.0, 0.0)
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from taichi_jello import Ball, Box, Plane, Scene, Sheet, Simulation, Solver
-from taichi_jello.explain import facts, text
-from taichi_jello.physics.choice import Choice
 from taichi_jello.physics.integrators import scheme, schemes
+from taichi_jello.run.auto_method import Choice
+from taichi_jello.run.explain import facts, text
 
 
 @pytest.fixture(scope="module", autouse=True)

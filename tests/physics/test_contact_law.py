@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from touching_pairs import touch
 
-from taichi_jello import Ball, Box, Contact, Plane, Rope, Scene, SceneError, Sheet, Simulation, Snapshot, sceneio
-from taichi_jello.assembly import assembled
-from taichi_jello.physics.contact_law import contact_numbers
-from taichi_jello.physics.rigid_motion import rotation
+from taichi_jello import Ball, Box, Contact, Plane, Rope, Scene, SceneError, Sheet, Simulation, Snapshot, scenefiles
+from taichi_jello.physics.adaptive.rigid_motion import rotation
+from taichi_jello.physics.forces.contact_law import contact_numbers
+from taichi_jello.run.assembly import assembled
 
 STILL = (0.0, 0.0, 0.0)
 G = 9.81
@@ -115,7 +115,7 @@ def test_a_word_that_is_no_stiffness_is_named(tmp_path, word):
     for key, more in (("stiffness", ""), ("damping", "friction = 0.1\n")):
         path.write_text(f'[contact]\n{more}{key} = "{word}"\n[[jello]]\nshape = "box"\n')
         with pytest.raises(SceneError, match=f"contact.{key}: expected \"auto\" or a number, got '{word}'"):
-            sceneio.load(str(path))
+            scenefiles.load(str(path))
 
 
 DEPTH = 0.03  # m

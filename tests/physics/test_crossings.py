@@ -7,23 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_jello import (
-    Ball,
-    Box,
-    Contact,
-    Ring,
-    Rope,
-    Scene,
-    SceneError,
-    SceneWarning,
-    Sheet,
-    Simulation,
-    Snapshot,
-    runtime,
+from taichi_jello import Ball, Box, Contact, Ring, Rope, Scene, SceneError, SceneWarning, Sheet, Simulation, Snapshot
+from taichi_jello.physics.forces.soft_contact.surface.crossings import (
+    Surfaces,
+    crossings,
+    goes_through,
+    pierced,
+    where_through,
 )
-from taichi_jello.assembly import assembled
-from taichi_jello.physics.crossings import Surfaces, crossings, goes_through, pierced, where_through
-from taichi_jello.sceneio import demos, load
+from taichi_jello.run.assembly import assembled
+from taichi_jello.scenefiles import demos, load
+from taichi_jello.support import runtime
 
 BOX = Box(points=(5, 5, 5))
 SHEET = Sheet(points=(9, 9), size=(2.0, 2.0))

@@ -7,15 +7,16 @@ import pytest
 import taichi as ti
 from touching_pairs import touch
 
-from taichi_jello import Ball, Box, Contact, Keyframe, Mesh, Plane, Ring, Scene, Sheet, Simulation, Snapshot, runtime
-from taichi_jello.assembly import assembled
-from taichi_jello.explain import facts, text
-from taichi_jello.physics.approach import PART, Approach
-from taichi_jello.physics.brake import BOUNCE
-from taichi_jello.physics.contacts import HALFWAY
-from taichi_jello.physics.touching import THICKNESS, Touching
-from taichi_jello.sceneio import demos
-from taichi_jello.studies._pairs import Pair, thrown
+from taichi_jello import Ball, Box, Contact, Keyframe, Mesh, Plane, Ring, Scene, Sheet, Simulation, Snapshot
+from taichi_jello.physics.forces.soft_contact.contacts import HALFWAY
+from taichi_jello.physics.forces.soft_contact.fast.approach_speed import PART, Approach
+from taichi_jello.physics.forces.soft_contact.fast.inelastic_brake import BOUNCE
+from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import THICKNESS, Touching
+from taichi_jello.run.assembly import assembled
+from taichi_jello.run.explain import facts, text
+from taichi_jello.scenefiles import demos
+from taichi_jello.studies._contact.pairs import Pair, thrown
+from taichi_jello.support import runtime
 
 WEIGHTLESS = {"gravity": (0.0, 0.0, 0.0)}
 

@@ -5,9 +5,11 @@ import pytest
 import taichi as ti
 from reference import read
 
-from taichi_jello import Box, CallableField, GridField, Plane, Room, Scene, SceneError, Simulation, Sphere, runtime
+from taichi_jello import Box, CallableField, GridField, Plane, Room, Scene, SceneError, Simulation, Sphere
 from taichi_jello.physics.colliders import plane, sphere
-from taichi_jello.physics.forces import contact, springs
+from taichi_jello.physics.forces.collider_contact import collider_penalty
+from taichi_jello.physics.forces.springs import hooke
+from taichi_jello.support import runtime
 
 
 def call(function, *arguments, length=0):
@@ -37,7 +39,7 @@ def taichi(precision):
 def test_hooke_is_the_springs_law(epsilon):
     k, rest = 200.0, 0.5
     for length in (0.25, 0.5, 0.8, 3.0):
-        factor = call(springs.hooke, 1.0 / length, k, rest)
+        factor = call(hooke.hooke, 1.0 / length, k, rest)
         assert factor * length == pytest.approx(k * (length - rest), abs=8 * epsilon * k)
 
 
@@ -45,26 +47,26 @@ def test_dashpot_damps_only_along_the_spring(epsilon):
     d, c = np.array([0.3, -0.4, 1.2]), 0.25
     n = d / np.linalg.norm(d)
     w = np.array([1.0, 2.0, -0.5])
-    force = call(springs.dashpot, 1.0 / np.linalg.norm(d), d, w, c) * d
+    force = call(hooke.dashpot, 1.0 / np.linalg.norm(d), d, w, c) * d
     assert force == pytest.approx(c * w.dot(n) * n, abs=8 * epsilon)
     across = np.cross(d, [1.0, 0.0, 0.0])
-    assert call(springs.dashpot, 1.0 / np.linalg.norm(d), d, across, c) == pytest.approx(0.0, abs=8 * epsilon)
+    assert call(hooke.dashpot, 1.0 / np.linalg.norm(d), d, across, c) == pytest.approx(0.0, abs=8 * epsilon)
 
 
 def test_pressure_never_pulls(epsilon):
-    assert call(contact.pressure, 0.01, 0.0, 2000.0, 0.5) == pytest.approx(20.0, rel=8 * epsilon)
-    assert call(contact.pressure, 0.01, -2.0, 2000.0, 0.5) == pytest.approx(21.0, rel=8 * epsilon)
-    assert call(contact.pressure, 0.01, 100.0, 2000.0, 0.5) == 0.0
+    assert call(collider_penalty.pressure, 0.01, 0.0, 2000.0, 0.5) == pytest.approx(20.0, rel=8 * epsilon)
+    assert call(collider_penalty.pressure, 0.01, -2.0, 2000.0, 0.5) == pytest.approx(21.0, rel=8 * epsilon)
+    assert call(collider_penalty.pressure, 0.01, 100.0, 2000.0, 0.5) == 0.0
 
 
 def test_friction_is_coulombs_when_sliding_and_viscous_at_rest(epsilon):
     pressed, mu, grip = 3.0, 0.4, 2.0
-    fast = call(contact.rub, pressed, [500.0, 0.0, 0.0], mu, grip, length=3)
+    fast = call(collider_penalty.rub, pressed, [500.0, 0.0, 0.0], mu, grip, length=3)
     # |F| = μN / √(1 + (μN / g|u|)²), within (1.2 / 1000)² / 2 of μN.
     assert fast == pytest.approx([-1.2, 0.0, 0.0], rel=1e-6 + 8 * epsilon)
-    slow = call(contact.rub, pressed, [0.0, 1e-4, 0.0], mu, grip, length=3)
+    slow = call(collider_penalty.rub, pressed, [0.0, 1e-4, 0.0], mu, grip, length=3)
     assert slow == pytest.approx([0.0, -2e-4, 0.0], rel=1e-6 + 8 * epsilon)
-    assert np.all(call(contact.rub, 0.0, [0.0, 0.0, 0.0], mu, grip, length=3) == 0.0)
+    assert np.all(call(collider_penalty.rub, 0.0, [0.0, 0.0, 0.0], mu, grip, length=3) == 0.0)
 
 
 def test_signed_distance_of_a_plane(epsilon):

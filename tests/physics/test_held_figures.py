@@ -7,8 +7,9 @@ import pytest
 from reference import twisted
 from surfaces import heights
 
-from taichi_jello import Box, Keyframe, Pin, Scene, Simulation, Snapshot, runtime
-from taichi_jello.studies._through import watched
+from taichi_jello import Box, Keyframe, Pin, Scene, Simulation, Snapshot
+from taichi_jello.studies._contact.through import watched
+from taichi_jello.support import runtime
 
 HEIGHT, MASS = 0.3, 0.3  # m, kg of the bar that falls
 

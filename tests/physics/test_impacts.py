@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_jello import Block, Box, Grab, Plane, Scene, Simulation, Sphere, runtime
+from taichi_jello import Block, Box, Grab, Plane, Scene, Simulation, Sphere
+from taichi_jello.support import runtime
 
 SLAB = Block(center=(0.0, -0.025, 0.0), size=(4.0, 0.05, 4.0))
 BALL = Sphere(center=(0.0, -0.05, 0.0), radius=0.05)

@@ -22,9 +22,9 @@ from taichi_jello import (
     Solver,
     Sphere,
     UniformField,
-    runtime,
 )
 from taichi_jello.physics.integrators import schemes
+from taichi_jello.support import runtime
 
 CUBE = Box(points=(4, 4, 4), mass=0.125, damping=0.05)
 STILL = (0.0, 0.0, 0.0)

@@ -17,7 +17,7 @@ from taichi_jello import (
     Sphere,
     UniformField,
 )
-from taichi_jello.explain import facts, text
+from taichi_jello.run.explain import facts, text
 
 CUBE = Box(points=(3, 3, 3))
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from taichi_jello.physics import rigid_motion
-from taichi_jello.physics.rigid_motion import RigidMotion, rotation, turned
+from taichi_jello.physics.adaptive import rigid_motion
+from taichi_jello.physics.adaptive.rigid_motion import RigidMotion, rotation, turned
 
 DRAW = np.random.default_rng(5)
 

@@ -9,14 +9,16 @@ import taichi as ti
 from test_functions import call
 from touching_pairs import placed, touch
 
-from taichi_jello import Box, Contact, Rope, Scene, Sheet, Simulation, Snapshot, runtime
-from taichi_jello.explain import facts
-from taichi_jello.physics import loads, neighbours
-from taichi_jello.physics.elements import closest
-from taichi_jello.physics.ropes import TWICE
-from taichi_jello.physics.touching import AT_ONCE, THICKNESS
+from taichi_jello import Box, Contact, Rope, Scene, Sheet, Simulation, Snapshot
+from taichi_jello.physics.forces.soft_contact import shared_load
+from taichi_jello.physics.forces.soft_contact.rope_contacts import TWICE
+from taichi_jello.physics.forces.soft_contact.search import neighbour_list
+from taichi_jello.physics.forces.soft_contact.search.closest_point import closest
+from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import AT_ONCE, THICKNESS
+from taichi_jello.run.explain import facts
 from taichi_jello.shapes.lattice import rotation
-from taichi_jello.studies._pairs import Pair, thrown
+from taichi_jello.studies._contact.pairs import Pair, thrown
+from taichi_jello.support import runtime
 
 FREE = {"stiffness": 0.0, "damping": 0.0}
 
@@ -105,7 +107,7 @@ def test_forces_between_points_are_opposite_and_lead_downhill(crossed, forces):
 def test_forces_are_the_same_where_no_list_has_room_for_a_point_s_contacts(crossed, forces, monkeypatch):
     x = across(0.4)
     found = forces(crossed, x)
-    monkeypatch.setattr(loads, "SLOTS", 1)
+    monkeypatch.setattr(shared_load, "SLOTS", 1)
     simulation = Simulation(crossed.scene, method="rk4", substeps=1)
     assert np.abs(found).max() > 0.0
     assert forces(simulation, x) == pytest.approx(found, abs=1e-5 * np.abs(found).max())
@@ -118,8 +120,8 @@ def test_where_the_lists_have_no_room_nothing_is_left_out(contact, monkeypatch, 
     ropes = [Rope(points=24, length=3.0, self_contact=bool(contact), **FREE)] * 2
     scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[*ropes, Box(points=(3, 3, 3))], contact=Contact(**contact))
     start, found = 0.3 * np.random.default_rng(1).standard_normal((75, 3)), []
-    for room in (neighbours.ROOM, neighbours.ROW // 2):
-        monkeypatch.setattr(neighbours, "ROOM", room)
+    for room in (neighbour_list.ROOM, neighbour_list.ROW // 2):
+        monkeypatch.setattr(neighbour_list, "ROOM", room)
         simulation = Simulation(scene, method="rk4", substeps=1, check_start=False)
         found.append(forces(simulation, start))
     assert not touch(simulation).near.has_room.to_numpy().all()

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from taichi_jello import Box, Contact, Move, Pin, Plane, Room, Scene, Simulation, Snapshot, Sphere, runtime
+from taichi_jello import Box, Contact, Move, Pin, Plane, Room, Scene, Simulation, Snapshot, Sphere
 from taichi_jello.physics import system
-from taichi_jello.physics.bounds import stable_limit
 from taichi_jello.physics.forces._base import ParticleForce
 from taichi_jello.physics.integrators import schemes
+from taichi_jello.physics.stable_step import stable_limit
+from taichi_jello.support import runtime
 
 FULL = Scene(
     jello=[

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from touching_pairs import touch
 
-from taichi_jello import Box, Pin, Rope, Scene, Sheet, Simulation, runtime
-from taichi_jello.assembly import assembled
-from taichi_jello.physics.forces.skin_contact import steepest
-from taichi_jello.physics.samples import MOST, edges, samples
-from taichi_jello.physics.touching import Touching, ways_out
+from taichi_jello import Box, Pin, Rope, Scene, Sheet, Simulation
+from taichi_jello.physics.forces.collider_contact.skin_penalty import steepest
+from taichi_jello.physics.forces.soft_contact.surface.edge_samples import MOST, edges, samples
+from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import Touching, ways_out
+from taichi_jello.run.assembly import assembled
+from taichi_jello.support import runtime
 
 ENDS = [Pin(max=(0.0, 1.0, 1.0)), Pin(min=(1.0, 0.0, 0.0))]
 BAR = Box(points=(9, 2, 2), size=(1.6, 0.04, 0.04), stiffness=2000.0, damping=1.0, pin=ENDS)

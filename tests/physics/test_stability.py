@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from taichi_jello import Box, Diverged, Scene, SceneError, Simulation, Snapshot
-from taichi_jello.clock import StepWarning
-from taichi_jello.physics.bounds import largest_eigenvalue, loaded, stable_limit
 from taichi_jello.physics.forces._base import Burden
 from taichi_jello.physics.integrators import schemes
+from taichi_jello.physics.stable_step import largest_eigenvalue, loaded, stable_limit
+from taichi_jello.run.clock import StepWarning
 
 STILL = (0.0, 0.0, 0.0)
 

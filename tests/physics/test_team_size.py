@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from taichi_jello import Box, Plane, Scene, Simulation, runtime
+from taichi_jello import Box, Plane, Scene, Simulation
 from taichi_jello.physics import team_size
 from taichi_jello.physics.team_size import TeamSize, sizes
+from taichi_jello.support import runtime
 
 STEP = 1e-3  # s that one thread takes for a substep
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from touching_pairs import placed
 
-from taichi_jello import Box, Contact, Pin, Plane, Ring, Rope, Scene, Sheet, Simulation, runtime
-from taichi_jello.advice import SceneWarning
-from taichi_jello.physics.ropes import FLAT
-from taichi_jello.physics.touching import THICKNESS
+from taichi_jello import Box, Contact, Pin, Plane, Ring, Rope, Scene, Sheet, Simulation
+from taichi_jello.physics.forces.soft_contact.rope_contacts import FLAT
+from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import THICKNESS
+from taichi_jello.run.start_warnings import SceneWarning
 from taichi_jello.shapes.lattice import rotation
+from taichi_jello.support import runtime
 
 WEIGHTLESS = {"gravity": (0.0, 0.0, 0.0)}
 SHEET = Sheet(points=(9, 9), size=(1.0, 1.0))

@@ -19,16 +19,16 @@ from taichi_jello import (
     Sheet,
     Simulation,
     Snapshot,
-    runtime,
-    sceneio,
+    scenefiles,
 )
-from taichi_jello.body import join
-from taichi_jello.explain import facts
-from taichi_jello.physics import neighbours
-from taichi_jello.physics.neighbours import ROW
-from taichi_jello.physics.touching import inner_neighbours, ways_out
+from taichi_jello.physics.forces.soft_contact.search import neighbour_list
+from taichi_jello.physics.forces.soft_contact.search.neighbour_list import ROW
+from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import inner_neighbours, ways_out
+from taichi_jello.run.explain import facts
+from taichi_jello.scene.body import join
 from taichi_jello.shapes.lattice import rotation
-from taichi_jello.studies._pairs import Pair, posed, thrown
+from taichi_jello.studies._contact.pairs import Pair, posed, thrown
+from taichi_jello.support import runtime
 
 WEIGHTLESS = {"gravity": (0.0, 0.0, 0.0)}
 
@@ -80,8 +80,8 @@ def test_the_same_bits_after_a_restore_and_with_other_lists(crash, monkeypatch):
     near = touch(crash).near
     pairs = near.listed.to_numpy().sum()
     for least, most in ((0.05, 0.5), (0.6, 2.0)):
-        monkeypatch.setattr(neighbours, "LEAST", least)
-        monkeypatch.setattr(neighbours, "MOST", most)
+        monkeypatch.setattr(neighbour_list, "LEAST", least)
+        monkeypatch.setattr(neighbour_list, "MOST", most)
         crash.restore(middle)
         for _ in range(5):
             crash.frame()
@@ -204,7 +204,7 @@ def test_a_stack_at_rest_has_no_gaps():
 
 def test_the_demo_s_stack_at_rest_has_neither_overlaps_nor_gaps():
     """By the surfaces as they are deformed, straight up and down: no way through an overlap is longer."""
-    simulation = Simulation(sceneio.load("stack"), method="backward-euler")  # which comes to rest sooner than RK4
+    simulation = Simulation(scenefiles.load("stack"), method="backward-euler")  # which comes to rest sooner than RK4
     simulation.advance(1.0)
     assert simulation.energies()["kinetic"] < 1e-5
     body, x = simulation.body, simulation.x.astype(float)

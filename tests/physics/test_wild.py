@@ -5,8 +5,8 @@ import pytest
 from reference import twisted
 
 from taichi_jello import Box, Scene, Simulation, Snapshot
-from taichi_jello.physics.heat import WILD
 from taichi_jello.physics.integrators._symplectic import CALM
+from taichi_jello.physics.integrators.energy_limits.heat import WILD
 
 STILL = (0.0, 0.0, 0.0)
 METHODS = ["verlet", "symplectic-euler"]

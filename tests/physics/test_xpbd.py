@@ -5,8 +5,8 @@ import pytest
 from reference import twisted
 
 from taichi_jello import Box, Contact, Grab, Move, Pin, Plane, Scene, Simulation, Snapshot, Solver
-from taichi_jello.explain import facts
 from taichi_jello.physics.integrators.xpbd import MOST, colored
+from taichi_jello.run.explain import facts
 
 STILL = (0.0, 0.0, 0.0)
 

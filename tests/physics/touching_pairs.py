@@ -3,7 +3,7 @@
 import numpy as np
 
 from taichi_jello import Snapshot
-from taichi_jello.physics.forces.touch import Touch
+from taichi_jello.physics.forces.soft_contact.soft_penalty import Touch
 
 
 def touch(simulation):

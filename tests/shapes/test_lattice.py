@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichi_jello import Box, Pin, SceneError
-from taichi_jello.body import join
+from taichi_jello.scene.body import join
 
 
 def expected_counts(n, m, k):

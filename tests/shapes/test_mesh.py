@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from taichi_jello import Mesh, SceneError, sceneio
+from taichi_jello import Mesh, SceneError, scenefiles
 from taichi_jello.shapes import _meshfile
 from taichi_jello.shapes._meshfile import MeshWarning
 from taichi_jello.shapes._skin import parts
@@ -183,7 +183,7 @@ def test_a_scene_file_looks_beside_itself(tmp_path, monkeypatch):
     (tmp_path / "shapes").mkdir()
     surface(*sphere(0.5)).export(str(tmp_path / "shapes" / "ball.stl"))
     text = '[[jello]]\nshape = "mesh"\nfile = "shapes/ball.stl"\nresolution = 4\n'
-    scene = sceneio.load(written(tmp_path, text, "scene.toml"))
+    scene = scenefiles.load(written(tmp_path, text, "scene.toml"))
     monkeypatch.chdir("/")
     assert len(scene.jello[0].body().skin) >= 320
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichi_jello import Ball, Box, Pin, Ring, Rope, SceneError, Sheet
-from taichi_jello.body import join
+from taichi_jello.scene.body import join
 from taichi_jello.shapes._skin import split_edges
 from taichi_jello.shapes.lattice import body_of, corners
 

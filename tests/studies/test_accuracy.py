@@ -10,17 +10,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_jello import Box, Plane, Scene, SceneError, Simulation, Snapshot, Solver, Sphere, UniformField, runtime
-from taichi_jello.cli import main
+from taichi_jello import Box, Plane, Scene, SceneError, Simulation, Snapshot, Solver, Sphere, UniformField
+from taichi_jello.app.cli import main
 from taichi_jello.physics.integrators import schemes
-from taichi_jello.studies import _ahead as ahead
-from taichi_jello.studies import _cases as cases
-from taichi_jello.studies import _truth as truths
-from taichi_jello.studies import _verdict as verdict
 from taichi_jello.studies import accuracy
+from taichi_jello.studies._accuracy import ahead as ahead
+from taichi_jello.studies._accuracy import cases as cases
+from taichi_jello.studies._accuracy import truth as truths
+from taichi_jello.studies._accuracy import verdict as verdict
+from taichi_jello.studies._accuracy.rolls import solved_to
 from taichi_jello.studies._reference import Reference, twisted
 from taichi_jello.studies._report import write_csv
-from taichi_jello.studies._rolls import solved_to
+from taichi_jello.support import runtime
 
 QUICK = {"quick": True, "quiet": True, "arch": "cpu", "threads": 1, "dt": None, "substeps": None, "seconds": None,
          "json": None}  # fmt: skip

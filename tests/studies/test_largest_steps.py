@@ -4,9 +4,9 @@ import argparse
 
 import pytest
 
-from taichi_jello import runtime
-from taichi_jello.scene import SceneError
+from taichi_jello.scene.description import SceneError
 from taichi_jello.studies import stability
+from taichi_jello.support import runtime
 
 QUICK = {"quick": True, "quiet": True, "arch": "cpu", "threads": 1, "json": None}
 

@@ -7,12 +7,14 @@ from math import atan, inf, sin, sqrt
 
 import pytest
 
-from taichi_jello import SceneError, runtime
-from taichi_jello.studies import _motion as motion
-from taichi_jello.studies import _motion_page as page
-from taichi_jello.studies import _toys, accuracy
+from taichi_jello import SceneError
+from taichi_jello.studies import accuracy
+from taichi_jello.studies._motion import motion as motion
+from taichi_jello.studies._motion import motion_page as page
+from taichi_jello.studies._motion import toys
+from taichi_jello.studies._motion.trials import FRAME, SLOPE, SOFT, TRIALS, G
 from taichi_jello.studies._report import write_csv, write_json
-from taichi_jello.studies._trials import FRAME, SLOPE, SOFT, TRIALS, G
+from taichi_jello.support import runtime
 
 SUBSTEPS, IMPLICIT = 40, 12
 FALL = next(trial for trial in TRIALS if trial.name == "fall")
@@ -29,8 +31,8 @@ def told():
     """A row for each of some methods, of a cube with 3³ points, spun at a quarter of the speed: its springs are as
     stiff as 40 explicit substeps can bear. All in f64, so that the closed forms are met."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_toys, "ACROSS", {True: 3})
-        patch.setattr(_toys, "SPIN", 4.0)
+        patch.setattr(toys, "ACROSS", {True: 3})
+        patch.setattr(toys, "SPIN", 4.0)
         patch.setattr(motion, "FINER", (2, 4))
         told = accuracy.measure(asked(method="rk4,verlet"))
         patch.setattr(motion, "references", lambda toys: told["references"])
@@ -61,7 +63,7 @@ def test_backward_euler_loses_spin_swing_and_energy_and_rk4_keeps_them(rows):
 
 def test_backward_euler_s_swing_is_that_of_the_damped_oscillator(rows):
     """1/√(1 + ω²h²) a step, and an angle of atan ωh."""
-    a = _toys.Toys(True).lowest(SOFT)[0] * FRAME / IMPLICIT
+    a = toys.Toys(True).lowest(SOFT)[0] * FRAME / IMPLICIT
     assert rows["backward-euler"]["swing"] == pytest.approx((1.0 + a * a) ** (-0.5 * IMPLICIT * 60), rel=0.05)
     assert rows["backward-euler"]["period_off"] == pytest.approx(a / atan(a) - 1.0, rel=0.1)
 
@@ -76,8 +78,8 @@ def test_the_reference_has_converged_and_a_ball_rolls_almost_as_a_rigid_one(told
 def test_a_solid_even_ball_would_roll_at_five_sevenths():
     """The finer the lattice, the nearer is its own mass to that."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_toys, "ACROSS", {True: 4, False: 12})
-        coarse, fine = (_toys.Toys(quick).rolling(SLOPE) for quick in (True, False))
+        patch.setattr(toys, "ACROSS", {True: 4, False: 12})
+        coarse, fine = (toys.Toys(quick).rolling(SLOPE) for quick in (True, False))
     even = 5.0 / 7.0 * G * sin(SLOPE)
     assert 0.7 * even < coarse < fine < even
 
@@ -89,7 +91,7 @@ def test_passes_are_counted_by_trial(rows):
 
 
 def test_auto_cuts_frames_itself(told):
-    bench = motion.Automatic(_toys.Toys(True), told, asked())
+    bench = motion.Automatic(toys.Toys(True), told, asked())
     found, passes = bench.run(FALL, None, 1.0)
     assert found["fall_off"] == pytest.approx(0.0, abs=0.1) and 0 < passes < 1000
 
@@ -97,7 +99,7 @@ def test_auto_cuts_frames_itself(told):
 def test_symplectic_euler_falls_alike_and_says_when_numbers_went_bad(told):
     """Two substeps are too few for any explicit method."""
     runtime.start("cpu", "f64", 1)
-    bench = motion.Bench("symplectic-euler", _toys.Toys(True))
+    bench = motion.Bench("symplectic-euler", toys.Toys(True))
     found, _ = bench.run(FALL, SUBSTEPS, 1.0)
     assert found["fall_off"] == pytest.approx(0.5 * G * FRAME / SUBSTEPS, rel=1e-5)
     row = motion.row(bench, 1, told)
@@ -108,7 +110,7 @@ def test_symplectic_euler_falls_alike_and_says_when_numbers_went_bad(told):
 
 def test_the_ladder_begins_where_the_softest_cube_is_stable(monkeypatch):
     runtime.start("cpu", "f64", 1)
-    bench = motion.Bench("verlet", _toys.Toys(True))
+    bench = motion.Bench("verlet", toys.Toys(True))
     first = motion.first_rung(bench)
     assert 1.0 < FRAME / first * bench.toys.swings[0][-1] * sqrt(SOFT) <= 2.0 and first & (first - 1) == 0
     monkeypatch.setattr(motion, "row", lambda bench, substeps, told: {"passes": 4.0 * substeps})

@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_jello import Ball, Box, Contact, Rope, Scene, Sheet, Simulation, runtime
-from taichi_jello.assembly import assembled
+from taichi_jello import Ball, Box, Contact, Rope, Scene, Sheet, Simulation
+from taichi_jello.run.assembly import assembled
 from taichi_jello.studies import contact
-from taichi_jello.studies._pairs import Pair, posed
+from taichi_jello.studies._contact.pairs import Pair, posed
+from taichi_jello.studies._contact.through import Lines, Sheets, Solids, crossed, segments_cross, share_inside, watched
 from taichi_jello.studies._report import write_csv
-from taichi_jello.studies._through import Lines, Sheets, Solids, crossed, segments_cross, share_inside, watched
+from taichi_jello.support import runtime
 
 QUICK = {
     "quick": True, "quiet": True, "arch": "cpu", "threads": 1, "precision": "f32", "json": None, "method": None,

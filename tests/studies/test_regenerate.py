@@ -1,4 +1,4 @@
-"""The README's figures come from the files beside its pictures, and one command makes them."""
+"""The guide's figures come from the files beside its pictures, and one command makes them."""
 
 import json
 from contextlib import nullcontext
@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from taichi_jello.studies import __main__ as regenerate
-from taichi_jello.studies import _cases as cases
 from taichi_jello.studies import accuracy
+from taichi_jello.studies._accuracy import cases as cases
 
 ROOT = Path(__file__).parents[2]
 
@@ -48,6 +48,6 @@ def test_a_readme_without_marks_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("name", regenerate.TABLES)
-def test_the_readme_s_tables_are_what_the_committed_figures_say(name):
+def test_the_guide_s_tables_are_what_the_committed_figures_say(name):
     told = json.loads((ROOT / "shots" / f"{name}.json").read_text())
-    assert regenerate.TABLES[name](told) in (ROOT / "README.md").read_text()
+    assert regenerate.TABLES[name](told) in (ROOT / "taichi_jello" / "studies" / "README.md").read_text()

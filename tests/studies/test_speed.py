@@ -4,8 +4,9 @@ import argparse
 
 import pytest
 
-from taichi_jello import runtime
-from taichi_jello.studies import _busy, speed
+from taichi_jello.studies import speed
+from taichi_jello.studies._speed import busy
+from taichi_jello.support import runtime
 
 
 def test_ctrl_c_keeps_what_was_measured(monkeypatch):
@@ -19,7 +20,7 @@ def test_ctrl_c_keeps_what_was_measured(monkeypatch):
         return found.pop()
 
     monkeypatch.setattr(speed, "kernel_row", row)
-    monkeypatch.setattr("taichi_jello.view.ggui.has_vulkan", lambda: False)
+    monkeypatch.setattr("taichi_jello.view.render.ggui.has_vulkan", lambda: False)
     told = speed.measure(argparse.Namespace(arch="cpu", threads=1, quick=True, quiet=True, json=None))
     told["window"] = speed.window_row("cpu", frames=1)
     told["skin"] = speed.skin_row("cpu", 0.0, 1)
@@ -50,21 +51,21 @@ def test_every_size_is_timed_on_one_thread_and_f64_where_there_is_one(arch):
 
 @pytest.mark.skipif(len(runtime.usable_cores()) < 2, reason="on one core there is no team")
 def test_beside_a_busy_process_that_is_ended(monkeypatch):
-    begun, popen = [], _busy.subprocess.Popen
+    begun, popen = [], busy.subprocess.Popen
 
     def begin(*arguments, **options):
         begun.append(popen(*arguments, **options))
         return begun[-1]
 
-    monkeypatch.setattr(_busy.subprocess, "Popen", begin)
-    row = _busy.busy_row("cpu", 6, 0.0, 2)
+    monkeypatch.setattr(busy.subprocess, "Popen", begin)
+    row = busy.busy_row("cpu", 6, 0.0, 2)
     assert [process.poll() is None for process in begun] == [False]
     rates = row["million_springs_per_second"]
     assert len(rates) == 4 and min(rates.values()) > 0.0
     best = max(rate for name, rate in rates.items() if name != "watching")
     assert row["of_the_best"] == pytest.approx(rates["watching"] / best)
-    assert "beside a busy process, 6³ points" in _busy.line(row)
-    assert "not measured" in _busy.line(_busy.busy_row("vulkan", 6, 0.0, 2))
-    with pytest.raises(KeyboardInterrupt), _busy.busy_process():
+    assert "beside a busy process, 6³ points" in busy.line(row)
+    assert "not measured" in busy.line(busy.busy_row("vulkan", 6, 0.0, 2))
+    with pytest.raises(KeyboardInterrupt), busy.busy_process():
         raise KeyboardInterrupt
     assert begun[-1].poll() is not None

@@ -4,8 +4,8 @@ import pytest
 from person import Person, virtual_screen
 from still import Still, cube_scene
 
-from taichi_jello import runtime
-from taichi_jello.view.viewer import Viewer
+from taichi_jello.support import runtime
+from taichi_jello.view.window.viewer import Viewer
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from taichi_jello.assembly import assembled
 from taichi_jello.physics.colliders.plane import Plane
-from taichi_jello.scene import Camera, Scene
+from taichi_jello.run.assembly import assembled
+from taichi_jello.scene.description import Camera, Scene
 from taichi_jello.shapes.lattice import Box
 
 

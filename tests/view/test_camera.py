@@ -5,7 +5,7 @@ import pytest
 import taichi as ti
 
 from taichi_jello import Box, Camera, Plane, Room, Rope, Scene, Sheet
-from taichi_jello.assembly import assembled
+from taichi_jello.run.assembly import assembled
 from taichi_jello.view.camera import FAR, NEAR, Viewpoint
 
 PLACES = [

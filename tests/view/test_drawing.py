@@ -4,18 +4,19 @@ import numpy as np
 import pytest
 from still import Still, cube_scene
 
-from taichi_jello import Keyframe, Region, runtime
+from taichi_jello import Keyframe, Region
 from taichi_jello.physics.colliders.plane import Plane
 from taichi_jello.physics.colliders.sphere import Sphere
-from taichi_jello.runtime import RuntimeProblem
-from taichi_jello.scene import Scene
+from taichi_jello.scene.description import Scene
 from taichi_jello.shapes.ball import Ball, sphere
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.shapes.mesh import Mesh
-from taichi_jello.view.embedded import Embedded
-from taichi_jello.view.renderers import drawing_of, open_renderer, picture
-from taichi_jello.view.springs import layers, ramp_table, round_up
-from taichi_jello.view.subdivide import subdivide
+from taichi_jello.support import runtime
+from taichi_jello.support.runtime import RuntimeProblem
+from taichi_jello.view.drawing.embedded import Embedded
+from taichi_jello.view.drawing.springs import layers, ramp_table, round_up
+from taichi_jello.view.drawing.subdivide import subdivide
+from taichi_jello.view.render.renderers import drawing_of, open_renderer, picture
 
 
 def drawing_at(simulation, **options):
@@ -124,16 +125,16 @@ def test_wrong_wishes_are_named(cube):
 
 
 def test_ggui_without_a_driver_says_so(monkeypatch):
-    monkeypatch.setattr("taichi_jello.view.ggui.has_vulkan", lambda: False)
+    monkeypatch.setattr("taichi_jello.view.render.ggui.has_vulkan", lambda: False)
     with pytest.raises(RuntimeProblem, match="Vulkan"):
         open_renderer("ggui")
     assert open_renderer("auto", (64, 64)).name == "raster"
 
 
 def test_a_window_without_a_screen_says_so(monkeypatch, cube):
-    from taichi_jello.view.play import play
+    from taichi_jello.view.window.play import play
 
-    monkeypatch.setattr("taichi_jello.view.ggui.has_vulkan", lambda: True)
+    monkeypatch.setattr("taichi_jello.view.render.ggui.has_vulkan", lambda: True)
     monkeypatch.setenv("DISPLAY", ":987")
     with pytest.raises(RuntimeProblem, match=":987"):
         play(cube)

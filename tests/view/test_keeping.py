@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from still import Still, cube_scene
 
-from taichi_jello.view.viewer import Viewer
+from taichi_jello.view.window.viewer import Viewer
 
 
 def test_p_saves_a_named_picture_or_says_why_not(viewer, tmp_path):

@@ -7,9 +7,9 @@ import pytest
 from still import Still, cube_scene, grab_at
 
 from taichi_jello.physics.colliders.sphere import Sphere
-from taichi_jello.scene import SHOWS
-from taichi_jello.view.overlay import overlay
-from taichi_jello.view.viewer import Viewer
+from taichi_jello.scene.description import SHOWS
+from taichi_jello.view.window.overlay import overlay
+from taichi_jello.view.window.viewer import Viewer
 
 
 def test_drags_move_the_camera(viewer):

@@ -7,11 +7,11 @@ import pytest
 from still import Still, cube_scene
 
 from taichi_jello import Box, Scene, Simulation
-from taichi_jello.view.gauges import SPAN, Gauges, largest_force
-from taichi_jello.view.legend import Sheet
-from taichi_jello.view.panel import SETTLED, Panel
-from taichi_jello.view.plot import plot
-from taichi_jello.view.viewer import Viewer
+from taichi_jello.view.render.legend import Sheet
+from taichi_jello.view.window.panel import SETTLED, Panel
+from taichi_jello.view.window.plot import plot
+from taichi_jello.view.window.readouts import SPAN, Gauges, largest_force
+from taichi_jello.view.window.viewer import Viewer
 
 
 class Widgets:

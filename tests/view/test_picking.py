@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from taichi_jello.body import join
 from taichi_jello.physics.forces.grab import MOST
+from taichi_jello.scene.body import join
 from taichi_jello.shapes.ball import Ball
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.view.camera import Viewpoint

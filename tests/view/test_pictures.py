@@ -8,11 +8,11 @@ import pytest
 from still import Still, cube_scene
 
 from taichi_jello.physics.colliders.sphere import Sphere
-from taichi_jello.scene import Scene
+from taichi_jello.scene.description import Scene
 from taichi_jello.shapes.lattice import Box
-from taichi_jello.view import ggui
-from taichi_jello.view.drawing import LAYERS
-from taichi_jello.view.renderers import drawing_of, film_strip, finished, open_renderer
+from taichi_jello.view.drawing.drawing import LAYERS
+from taichi_jello.view.render import ggui
+from taichi_jello.view.render.renderers import drawing_of, film_strip, finished, open_renderer
 
 SIZE = (480, 270)
 RENDERERS = [

@@ -5,14 +5,14 @@ from dataclasses import replace
 import pytest
 from still import Still, cube_scene
 
-from taichi_jello.view import playlist
-from taichi_jello.view.playlist import Playlist
+from taichi_jello.view.window import next_demo
+from taichi_jello.view.window.next_demo import Playlist
 
 
 @pytest.fixture
 def scenes(monkeypatch):
     found = [replace(cube_scene(points=2), title=title) for title in ("first", "broken", "last")]
-    monkeypatch.setattr(playlist, "scenes", lambda: iter(found))
+    monkeypatch.setattr(next_demo, "scenes", lambda: iter(found))
     return found
 
 

@@ -4,7 +4,7 @@ import zlib
 import numpy as np
 import pytest
 
-from taichi_jello.record import encode_png, write_png
+from taichi_jello.support.png_file import encode_png, write_png
 
 
 def decode(data: bytes) -> np.ndarray:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from taichi_jello import Box, Camera, Contact, Plane, Scene, Simulation, Sphere
-from taichi_jello.replay import playable
-from taichi_jello.view import play as loop
-from taichi_jello.view.viewer import Viewer
+from taichi_jello.run.replay import playable
+from taichi_jello.view.window import play as loop
+from taichi_jello.view.window.viewer import Viewer
 
 
 def opened(scene, size=(1280, 720)):

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from still import Still, grab_at
 
-from taichi_jello.diverged import Diverged
-from taichi_jello.physics.blame import Culprit
 from taichi_jello.physics.integrators import schemes
-from taichi_jello.scene import COLORS, SHOWS
-from taichi_jello.view import palette
-from taichi_jello.view.actions import HELP, KEYS, WIND
-from taichi_jello.view.legend import LEAST, legend
-from taichi_jello.view.overlay import overlay
-from taichi_jello.view.pace import BUDGET, MOST_FRAMES
-from taichi_jello.view.viewer import TOLD
+from taichi_jello.run.diverged import Diverged
+from taichi_jello.run.find_culprit import Culprit
+from taichi_jello.scene.description import COLORS, SHOWS
+from taichi_jello.view.drawing import palette
+from taichi_jello.view.render.legend import LEAST, legend
+from taichi_jello.view.window.actions import HELP, KEYS, WIND
+from taichi_jello.view.window.frame_pacing import BUDGET, MOST_FRAMES
+from taichi_jello.view.window.overlay import overlay
+from taichi_jello.view.window.viewer import TOLD
 
 
 def test_physics_follows_the_clock(viewer):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from person import Person, virtual_screen
 
-from taichi_jello.view import ggui
+from taichi_jello.view.render import ggui
 
 TOOLS = ("Xvfb", "xdotool")
 pytestmark = [

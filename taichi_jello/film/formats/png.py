@@ -3,7 +3,7 @@
 import numpy as np
 
 from taichi_jello.film.writer import Writer
-from taichi_jello.record import encode_png
+from taichi_jello.support.png_file import encode_png
 
 
 class Png(Writer):

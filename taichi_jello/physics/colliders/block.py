@@ -7,7 +7,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.colliders.plane import grid
-from taichi_jello.scene import Collider, SceneError, Vector, vector
+from taichi_jello.scene.description import Collider, SceneError, Vector, vector
 
 
 @ti.func

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 import taichi as ti
 
-from taichi_jello.scene import Collider, SceneError, Vector, vector
+from taichi_jello.scene.description import Collider, SceneError, Vector, vector
 
 
 @ti.func

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from taichi_jello.physics.colliders.plane import grid, signed_distance
-from taichi_jello.scene import Collider, SceneError, Vector, vector
+from taichi_jello.scene.description import Collider, SceneError, Vector, vector
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 import taichi as ti
 
-from taichi_jello.checked import FASTEST
-from taichi_jello.scene import Collider, Vector, number, vector
+from taichi_jello.scene.description import Collider, Vector, number, vector
+from taichi_jello.scene.validation import FASTEST
 
 
 @ti.func

@@ -6,13 +6,13 @@ from typing import Any, ClassVar
 import taichi as ti
 
 from taichi_jello.physics.particles import Particles
-from taichi_jello.scene import Scene
+from taichi_jello.scene.description import Scene
 
 
 @dataclass(frozen=True)
 class Burden:
     """A spring of stiffness k [N/m] and damping c [N·s/m] on particles of at least `least` [kg] each, to which it adds
-    a mass M [kg] that it shares out as its force: see bounds.py for what that does to the step."""
+    a mass M [kg] that it shares out as its force: see stable_step.py for what that does to the step."""
 
     k: float
     c: float
@@ -83,9 +83,9 @@ class ParticleForce:
 
     `acts`: False while it does nothing, as a hand that is open.
 
-    With a `sweep` (see physics/sweep.py) every step ends with a look whether it went through something.
+    With a `sweep` (see continuous_collision.py) every step ends with a look whether it went through something.
 
-    For the energy ledger (see physics/ledger.py) a force that stores energy and also has losses names these in
+    For the energy ledger (see physics/energy_ledger.py) a force that stores energy and also has losses names these in
     `works` and defines `@ti.func powers(self, i, x, v, t)`, a vector with particle i's share of each [W].
     """
 
@@ -136,7 +136,7 @@ class MutualForce(ParticleForce):
     looking at the particles at x + ahead v, by the member of the team whose particles are first … last - 1 (it cuts
     what else there is by `system.share_of`); all members have done a round before the next one begins.
 
-    It keeps for many steps what is `near` (see physics/neighbours.py), which is right as long as the particles have not
+    It keeps for many steps what is `near` (see neighbour_list.py), which is right as long as the particles have not
     moved too far. It defines `fresh`, whether it is right to its knowledge; `forget()`, after which it is not;
     `refresh(system, t, dt)`, which brings it up to date for the state of the system `t` seconds after the current frame
     began and steps of dt [s]; `@ti.func watch(self, first, last, x, v, t, dt)`, which before each step looks whether
@@ -146,8 +146,8 @@ class MutualForce(ParticleForce):
     It may need a frame's steps taken in parts: `parts(x, v, frame_dt, dt)` says in how many, for the frame that begins
     with the particles at x and v, (N, 3) arrays. `nearest` [m]: the way beyond which a step is taken in parts.
     `stride(dt, solves, damping)` tells it how long the steps are that follow, whether they are solved for, and how fast
-    [1/s] dashpots can damp. With a `brake` (see physics/brake.py) what has gone deep into something loses speed at the
-    end of a step.
+    [1/s] dashpots can damp. With a `brake` (see inelastic_brake.py) what has gone deep into something loses speed at
+    the end of a step.
     """
 
     near: Any

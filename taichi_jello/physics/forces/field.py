@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 import taichi as ti
 
-from taichi_jello.checked import LARGEST
 from taichi_jello.physics.forces._base import ParticleForce, Rates
-from taichi_jello.scene import Force, SceneError, Vector, vector
+from taichi_jello.scene.description import Force, SceneError, Vector, vector
+from taichi_jello.scene.validation import LARGEST
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces._base import Burden, ParticleForce, Rates, even_block
-from taichi_jello.scene import Force, Scene, number
+from taichi_jello.scene.description import Force, Scene, number
 
 QUICK = 250.0  # 1/s: the held point settles at the hand's place within a frame
 FIRMNESS = 2.0  # of the hand's spring, in typical springs of the body

@@ -3,8 +3,8 @@
 import numpy as np
 import taichi as ti
 
-from taichi_jello.keyframes import gravity
 from taichi_jello.physics.forces._base import ParticleForce
+from taichi_jello.scene.keyframes import gravity
 
 
 @ti.data_oriented

@@ -6,9 +6,9 @@ from typing import ClassVar
 import numpy as np
 import taichi as ti
 
-from taichi_jello.checked import FASTEST
 from taichi_jello.physics.forces._base import ParticleForce, Rates, even_block
-from taichi_jello.scene import Force, Scene, Vector, number, vector
+from taichi_jello.scene.description import Force, Scene, Vector, number, vector
+from taichi_jello.scene.validation import FASTEST
 
 RATE = 1.5  # 1/s: a jello in the wind is at two thirds of its speed within a second
 

@@ -3,8 +3,8 @@
 import sys
 
 from taichi_jello.physics.integrators._base import Integrator
-from taichi_jello.plugins import classes
-from taichi_jello.scene import SceneError
+from taichi_jello.scene.description import SceneError
+from taichi_jello.support.plugins import classes
 
 
 def schemes() -> dict[str, type[Integrator]]:

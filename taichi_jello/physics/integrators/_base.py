@@ -4,10 +4,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from taichi_jello.body import Body
-from taichi_jello.physics.bounds import Bound, largest_dt, spectral_radius
+from taichi_jello.physics.stable_step import Bound, largest_dt, spectral_radius
 from taichi_jello.physics.state import Memory, State
 from taichi_jello.physics.stepper import Stepper
+from taichi_jello.scene.body import Body
 
 FADE = 0.1  # s
 

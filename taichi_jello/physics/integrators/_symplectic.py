@@ -8,7 +8,7 @@ are stretched, twisted or tangled, over a minute (√Λ = 1800 /s): 80 to 130 ti
 1.8 times with 0.4, up to 1.07 with 0.2 and 1.01 with 0.14. Smooth swings need less: stretched by 2 % and let go, the
 energy stays above 0.98 with 0.8 and above 0.995 with 0.4.
 
-So an undamped step is CALM while no jello is wild (see physics/heat.py), and WILD while one is. That is decided by the
+So an undamped step is CALM while no jello is wild (see heat.py), and WILD while one is. That is decided by the
 energy, which stays: so the step stays too, as it must for a symplectic method to feed no smooth swing. Dashpots take up
 to λ = c/k Λ of the energy a second, and where that outruns the heating steps may be longer, as long as linear theory
 allows.

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.adaptive_stepper import AdaptiveStepper
+from taichi_jello.physics.adaptive.adaptive_stepper import AdaptiveStepper
 from taichi_jello.physics.integrators.rk4 import RK4
 from taichi_jello.physics.integrators.sdirk2 import GAMMA, SDIRK2
 

@@ -3,7 +3,7 @@
 import taichi as ti
 
 from taichi_jello.physics.integrators._base import oscillator_matrix
-from taichi_jello.physics.integrators._implicit import Implicit, solved
+from taichi_jello.physics.integrators.implicit_solve._implicit import Implicit, solved
 
 
 @ti.data_oriented

@@ -3,7 +3,7 @@
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.integrators._implicit import Implicit
+from taichi_jello.physics.integrators.implicit_solve._implicit import Implicit
 from taichi_jello.physics.state import State
 
 

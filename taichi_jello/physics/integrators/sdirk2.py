@@ -5,7 +5,7 @@ from math import sqrt
 import taichi as ti
 
 from taichi_jello.physics.integrators._base import oscillator_matrix
-from taichi_jello.physics.integrators._implicit import Implicit, solved
+from taichi_jello.physics.integrators.implicit_solve._implicit import Implicit, solved
 
 GAMMA = 1.0 - 1.0 / sqrt(2.0)
 

@@ -16,14 +16,14 @@ from math import sqrt
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.bounds import largest_dt
 from taichi_jello.physics.forces._base import MutualForce
-from taichi_jello.physics.forces.springs import dashpot, hooke
+from taichi_jello.physics.forces.springs.hooke import dashpot, hooke
 from taichi_jello.physics.integrators._base import Integrator, oscillator_matrix
-from taichi_jello.physics.integrators._budget import TRIES, Budget
-from taichi_jello.physics.integrators._implicit import solved
-from taichi_jello.physics.integrators._spin import Spin, solve_spd
+from taichi_jello.physics.integrators.energy_limits.energy_budget import TRIES, Budget
+from taichi_jello.physics.integrators.energy_limits.spin import Spin, solve_spd
+from taichi_jello.physics.integrators.implicit_solve._implicit import solved
 from taichi_jello.physics.integrators.symplectic_euler import SymplecticEuler
+from taichi_jello.physics.stable_step import largest_dt
 
 ROUNDS = 2  # of what holds single particles: the first finds the pressure, the second the friction that goes with it
 MOST = 40  # steps a frame that dt = "auto" takes at most where only resolving the springs would ask for more

@@ -1,0 +1,1 @@
+"""Jellos that touch each other."""

@@ -1,0 +1,1 @@
+"""Fast impacts of jellos."""

@@ -1,0 +1,1 @@
+"""Springs: Hooke and dashpot, packed, changing, tearing."""

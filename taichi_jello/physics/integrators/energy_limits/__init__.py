@@ -1,0 +1,1 @@
+"""What keeps steps from feeding energy."""

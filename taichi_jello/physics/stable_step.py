@@ -1,0 +1,131 @@
+"""How large a step may be: Λ and Γ of a scene, and the limit of a method on a damped oscillator (NumPy only)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+Amplification = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def largest_eigenvalue(springs: np.ndarray, weight: np.ndarray, inverse_mass: np.ndarray) -> float:
+    """An upper bound, tight to about 1 %, of the largest eigenvalue of M^-½ L M^-½, where L is the graph Laplacian
+    of the (S, 2) springs with the given weights [N/m or N·s/m]. Lanczos iteration, capped by Gershgorin's bound,
+    which no eigenvalue exceeds."""
+    n = len(inverse_mass)
+    if len(springs) == 0:
+        return 0.0
+    i, j = springs.T
+    scale = np.sqrt(inverse_mass)
+    degree = np.bincount(i, weight, n) + np.bincount(j, weight, n)
+    around = np.bincount(i, weight * scale[j], n) + np.bincount(j, weight * scale[i], n)
+    cap = float(np.max(scale * (degree * scale + around)))
+
+    def apply(u: np.ndarray) -> np.ndarray:
+        u = scale * u
+        out = degree * u - np.bincount(i, weight * u[j], n) - np.bincount(j, weight * u[i], n)
+        return scale * out
+
+    return min(cap, 1.005 * _lanczos(apply, n))
+
+
+def _lanczos(apply: Callable[[np.ndarray], np.ndarray], n: int, steps: int = 80, tolerance: float = 1e-4) -> float:
+    """The largest eigenvalue of a symmetric operator, from below; stops when it grows by less than the tolerance."""
+    q = np.random.default_rng(0).standard_normal(n)
+    q /= np.linalg.norm(q)
+    before, beta = np.zeros(n), 0.0
+    alphas: list[float] = []
+    betas: list[float] = []
+    largest = 0.0
+    for step in range(min(steps, n)):
+        r = apply(q) - beta * before
+        alphas.append(float(q @ r))
+        r -= alphas[-1] * q
+        beta = float(np.linalg.norm(r))
+        if step % 5 == 4 or step == min(steps, n) - 1 or beta <= 1e-12 * abs(alphas[0]):
+            previous = largest
+            largest = float(np.linalg.eigvalsh(np.diag(alphas) + np.diag(betas, 1) + np.diag(betas, -1))[-1])
+            if largest - previous < tolerance * largest or beta <= 1e-12 * abs(alphas[0]):
+                break
+        before, q = q, r / beta
+        betas.append(beta)
+    return largest
+
+
+def spectral_radius(matrices: np.ndarray) -> np.ndarray:
+    """The largest |eigenvalue| of each (…, 2, 2) matrix, from trace and determinant."""
+    half = 0.5 * (matrices[..., 0, 0] + matrices[..., 1, 1])
+    det = matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] * matrices[..., 1, 0]
+    root = half**2 - det
+    return np.where(root < 0.0, np.sqrt(np.abs(det)), np.abs(half) + np.sqrt(np.maximum(root, 0.0)))
+
+
+def stable_limit(amplification: Amplification, zeta: np.ndarray) -> np.ndarray:
+    """The largest a = ωh for which every smaller step keeps x'' = -ω²x - 2ζωx' bounded, for each damping ratio.
+
+    amplification(a, ζ) gives the (…, 2, 2) matrices of one step of length a at ω = 1. Growth below 1e-9 a step
+    counts as bounded; zero where even a = 1e-4 grows faster, infinity where no step on the ladder grows.
+    """
+    zeta = np.atleast_1d(np.asarray(zeta, float))
+
+    def unstable(a: np.ndarray) -> np.ndarray:
+        return spectral_radius(amplification(a, np.broadcast_to(zeta[:, None], a.shape))) > 1.0 + 1e-9
+
+    # Scan from small to large, in steps relative to the scale 1/(1 + 2ζ) on which every limit lies, then bisect.
+    ladder = np.linspace(0.02, 9.0, 450) / (1.0 + 2.0 * zeta[:, None])
+    bad = unstable(ladder)
+    first = np.where(bad.any(1), bad.argmax(1), -1)
+    rows = np.arange(len(zeta))
+    high = ladder[rows, first]
+    low = np.where(first == 0, 0.0, ladder[rows, first - 1])
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        worse = unstable(np.maximum(middle, 1e-12)[:, None])[:, 0]
+        low, high = np.where(worse, low, middle), np.where(worse, middle, high)
+    limit = np.where(low < 1e-4 / (1.0 + 2.0 * zeta), 0.0, low)
+    return np.where(bad.any(1), limit, np.inf)
+
+
+@dataclass(frozen=True)
+class Bound:
+    """The step a scene allows: stiffness Λ [1/s²], damping Γ [1/s] and the safety factor; dt [s] is infinite for a
+    scene in which nothing swings, zero if no step is stable. damping_time [s]: what swings is damped by at least that
+    times its ω². wild_dt [s]: the automatic step while a jello is wild (see heat.py)."""
+
+    squared_frequency: float
+    damping: float
+    safety: float
+    dt: float
+    damping_time: float = np.inf
+    wild_dt: float = np.inf
+
+
+def loaded(rate: float, burdens: list) -> float:
+    """What a bound K ≤ rate·M₀ becomes with burdens, each a k on particles of mass m to which it adds a mass M:
+    (K + k)/(M₀ + M) is at most the larger of K/M₀ and k/M, and also at most K/M₀ + k/(m + M)."""
+    for k, b in burdens:
+        apart = k / b.mass if b.mass > 0.0 else np.inf
+        rate = min(rate + k / (b.least + b.mass), max(rate, apart))
+    return rate
+
+
+def largest_dt(amplification: Amplification, safety: float, rates: list, drag: float) -> Bound:
+    """The step below which every motion that the rates allow stays bounded: all frequencies ω up to √Λ, each with
+    any damping from damping_time·ω² + drag up to Γ."""
+    burdens = [r.burden for r in rates if r.burden]
+    squared = loaded(sum(r.squared_frequency for r in rates), [(b.k, b) for b in burdens])
+    damping = loaded(sum(r.damping for r in rates), [(b.c, b) for b in burdens])
+    damping_time = min((r.damping_time for r in rates), default=np.inf)
+    dt = np.inf
+    if squared == 0.0 and damping > 0.0:
+        dt = _scaled_limit(amplification, np.array([1e-3 * damping]), np.array([damping]))
+    elif squared > 0.0:
+        omega = np.sqrt(squared) * np.logspace(-3.0, 0.0, 13)[:, None]
+        least = np.minimum(damping_time * omega**2 + drag, max(damping, 0.0))
+        gamma = least + (damping - least) * np.linspace(0.0, 1.0, 9) ** 2
+        dt = _scaled_limit(amplification, np.broadcast_to(omega, gamma.shape).ravel(), gamma.ravel())
+    return Bound(squared, damping, safety, safety * dt, damping_time)
+
+
+def _scaled_limit(amplification: Amplification, omega: np.ndarray, gamma: np.ndarray) -> float:
+    return float(np.min(stable_limit(amplification, gamma / (2.0 * omega)) / omega))

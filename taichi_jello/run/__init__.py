@@ -1,0 +1,1 @@
+"""A scene in motion: simulation, clock, the method, warnings, replay, trajectories."""

@@ -1,0 +1,62 @@
+"""From the jellos of a scene to its one Body: each jello's shape, then its material."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from taichi_jello.physics.colliders.room import Room
+from taichi_jello.scene.body import Body, join
+from taichi_jello.scene.description import Jello, Scene
+from taichi_jello.scene.keyframes import offset
+from taichi_jello.scene.material import material
+from taichi_jello.scene.region import divided, places
+from taichi_jello.scene.validation import SceneError
+
+
+def built(jello: Jello) -> Body:
+    """The points and springs of one jello, of its material, as its regions change it."""
+    body = jello.body()
+    for name in ("x", "v"):
+        if (given := getattr(jello, name)) is not None:
+            if len(given) != len(body):
+                raise SceneError(name, f"expected {len(body)} points, got {len(given)}")
+            body = replace(body, **{name: np.array(given)})
+    for index, pin in enumerate(jello.pin):
+        held = pin.holds(places(body.rest, body.rest))
+        if not held.any():
+            raise SceneError(
+                f"pin.{index}", "expected a box in the body, 0 to 1 along each axis, that holds points; none lies in it"
+            )
+        if pin.keyframe:  # a handle begins where its path does
+            body = replace(body, x=body.x + held[:, None] * offset(pin.keyframe, 0.0))
+    body = replace(body, **material(jello, body))
+    return replace(body, **divided(body, tuple(jello.region))) if jello.region else body
+
+
+def assembled(scene: Scene) -> Body:
+    """All jellos of the scene as one body. Raises SceneError naming the jello that cannot be built, or the room that
+    it does not begin in."""
+    bodies = []
+    for index, jello in enumerate(scene.jello):
+        try:
+            bodies.append(built(jello))
+        except SceneError as error:
+            raise error.within(f"jello.{index}") from None
+    body = join(bodies)
+    _check_rooms(scene, body)
+    return body
+
+
+def _check_rooms(scene: Scene, body: Body) -> None:
+    """A jello must begin inside every room, or the walls would throw it."""
+    for c, room in enumerate(scene.collider):
+        if not isinstance(room, Room):
+            continue
+        for j in range(len(scene.jello)):
+            low, high = (corner - offset(room.keyframe, 0.0) for corner in body.extent(j))
+            if np.any(low < np.array(room.min) - 1e-9) or np.any(high > np.array(room.max) + 1e-9):
+                raise SceneError(
+                    f"collider.{c}",
+                    f"expected a box around jello.{j}, which spans {np.round(low, 3).tolist()} to "
+                    f"{np.round(high, 3).tolist()}, got {list(room.min)} to {list(room.max)}",
+                )

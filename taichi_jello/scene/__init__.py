@@ -1,0 +1,1 @@
+"""What a person asks for, checked; and the Body that it becomes. NumPy only."""

@@ -1,0 +1,144 @@
+"""What single lattices at rest do not show of speed: stiff cubes that hit the ground, many jellos that touch each
+other, a fine skin carried along, and a fine mesh filled with cells."""
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from taichi_jello.physics.colliders.plane import Plane
+from taichi_jello.run.simulation import Simulation
+from taichi_jello.scene.body import join
+from taichi_jello.scene.description import Scene
+from taichi_jello.scenefiles import load
+from taichi_jello.shapes._skin import split_edges
+from taichi_jello.shapes._voxels import voxelised
+from taichi_jello.shapes.ball import Ball, sphere
+from taichi_jello.shapes.lattice import Box
+from taichi_jello.studies._report import spread
+from taichi_jello.support import runtime
+from taichi_jello.view.drawing.embedded import Embedded
+
+SECTION = 0.5  # s of a scene's time, the worst of which is told
+STIFF = tuple((n, k, 0.25) for n in (8, 16) for k in (1e5, 1e7))  # points a side; N/m with 8 of them; N·s/m
+VISIBLE = tuple((n, 5.67, 0.0) for n in (8, 16, 32, 48))  # the same of cubes that swing at 4 Hz
+FINE = 0.04  # about the edges of the skin on a ball of radius 1: some 18 000 points
+CELLS = 16  # across the ball
+MESH, ACROSS = 0.034, 48  # edges of a ball's mesh that is voxelised, some 80 000 triangles, and cells across it
+
+
+@dataclass(frozen=True, kw_only=True)
+class FineBall(Ball):
+    """A ball with a skin much finer than its cells."""
+
+    def skin(self) -> tuple[np.ndarray, np.ndarray]:
+        return sphere(FINE)
+
+
+def thrown_row(arch: str, n: int, stiffness: float, damping: float, frames: int) -> dict[str, Any]:
+    """How long `auto` takes for a frame of a cube of n³ points and 1 kg that is thrown at the ground at 5 m/s.
+    stiffness: of 8³ points [N/m]; others of the same Young's modulus have another."""
+    runtime.start(arch)
+    cube = Box(points=(n,) * 3, stiffness=stiffness * 7 / (n - 1), damping=damping, position=(0.0, 0.6, 0.0))
+    simulation = Simulation(Scene(jello=[replace(cube, velocity=(0.0, -5.0, 0.0))], collider=[Plane()]))
+    for _ in range(frames):  # compiles all that an impact needs
+        simulation.frame()
+    simulation.reset()
+    seconds = []
+    for _ in range(frames):
+        start = time.perf_counter()
+        simulation.frame()
+        seconds.append(time.perf_counter() - start)
+    return {
+        "n": n,
+        "stiffness": cube.stiffness,
+        "frames": frames,
+        "method": simulation.method,
+        "ms": 1e3 * sum(seconds) / frames,
+        "median_ms": 1e3 * float(np.median(seconds)),
+        "worst_ms": 1e3 * max(seconds),
+        "threads": runtime.current().threads,
+    }
+
+
+def crowd_row(arch: str, seconds: float) -> dict[str, Any]:
+    """Milliseconds a frame of the demo `crowd` over its first `seconds`: mean, the worst section, the last one; and the
+    share of all that which the search for what is near what takes, 0 to 1."""
+    from taichi_jello.physics.forces.soft_contact.soft_penalty import Touch
+
+    runtime.start(arch)
+    simulation = Simulation(load("crowd"))
+    near = next(force.near for force in simulation.system.all_forces if isinstance(force, Touch))
+    search, searched = near.refresh, 0.0
+
+    def timed(*arguments: Any) -> None:
+        nonlocal searched
+        start = time.perf_counter()
+        search(*arguments)
+        searched += time.perf_counter() - start
+
+    simulation.frame()  # compiles
+    simulation.reset()
+    near.refresh = timed
+    frames, times = round(seconds / simulation.frame_dt), []
+    for _ in range(frames):
+        start = time.perf_counter()
+        simulation.frame()
+        times.append(1e3 * (time.perf_counter() - start))
+    sections = [part.mean() for part in np.array_split(times, max(1, round(seconds / SECTION)))]
+    return {
+        "seconds": seconds,
+        "ms": float(np.mean(times)),
+        "worst_ms": float(max(sections)),
+        "last_ms": float(sections[-1]),
+        "real_time_ms": 1e3 * simulation.frame_dt,
+        "search_share": 1e3 * searched / float(np.sum(times)),
+        "threads": runtime.current().threads,
+    }
+
+
+def skin_row(arch: str, least: float, repeats: int) -> dict[str, Any]:
+    """Milliseconds that points and normals of two fine skins take to follow their cells."""
+    runtime.start(arch)
+    ball = FineBall(resolution=CELLS).body()
+    body = join([ball, ball])
+    skin, x = Embedded(body), body.x.astype(np.float32)
+    points = np.zeros((len(skin), 3), np.float32)
+    seconds = spread(lambda: skin.update(x, points), least, repeats)
+    return {"points": len(skin), "triangles": len(skin.index)} | {f"{k}_ms": 1e3 * s for k, s in seconds.items()}
+
+
+def voxel_row(arch: str, least: float, repeats: int) -> dict[str, Any]:
+    """Milliseconds in which a closed mesh's cells are found, of which they are filled and how far."""
+    runtime.start(arch)
+    points, triangles = split_edges(*sphere(FINE), MESH)
+    places = 0.5 * ACROSS * (points / np.ptp(points, axis=0).max() * 2.0 + 1.0)
+    seconds = spread(lambda: voxelised(places, triangles, (ACROSS,) * 3, True), least, repeats)
+    return {"triangles": len(triangles), "cells": ACROSS} | {f"{k}_ms": 1e3 * s for k, s in seconds.items()}
+
+
+def lines(told: dict[str, Any]) -> list[str]:
+    """The same as text."""
+    crowd, skin, mesh = told.get("crowd"), told.get("skin"), told.get("voxels")
+    found = [
+        f"auto, {row['n']}³ points, k = {row['stiffness']:.3g} N/m, thrown at the ground: {row['method']}, "
+        f"{row['ms']:.1f} ms a frame in the mean, {row['median_ms']:.1f} in the median, {row['worst_ms']:.1f} at most"
+        for row in told.get("thrown", [])
+    ]
+    if crowd:
+        found.append(
+            f"crowd, the first {crowd['seconds']:g} s, {crowd['threads']} threads: {crowd['ms']:.1f} ms a frame "
+            f"(real time: {crowd['real_time_ms']:.1f}), {crowd['worst_ms']:.1f} in the worst {SECTION:g} s, "
+            f"{crowd['last_ms']:.1f} in the last; contact search {100.0 * crowd['search_share']:.0f} % of it"
+        )
+    if skin:
+        found.append(
+            f"skin of {skin['points']} points carried along: {skin['min_ms']:.2f} ms ({skin['median_ms']:.2f})"
+        )
+    if mesh:
+        found.append(
+            f"closed mesh of {mesh['triangles']} triangles voxelised at {mesh['cells']} cells: "
+            f"{mesh['min_ms']:.0f} ms ({mesh['median_ms']:.0f})"
+        )
+    return found

@@ -1,0 +1,1 @@
+"""What everything else uses: the Taichi runtime, Ctrl-C, plugins, progress, wording."""

@@ -1,0 +1,76 @@
+"""From a simulation to the frames of a film: which moment each frame shows, and one renderer for all of them."""
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from taichi_jello.film.writer import Mesh
+from taichi_jello.run.clock import steps_in
+from taichi_jello.support import runtime
+from taichi_jello.view.render.renderers import Renderer, drawing_of, finished, open_renderer
+
+
+class Clock:
+    """Steps a simulation to the moments of a film's frames: frame k is at speed·k/rate seconds after now, to the
+    nearest substep, and no frame's rounding reaches another's."""
+
+    def __init__(self, simulation: Any, rate: Fraction, speed: float = 1.0):
+        self.simulation, self.per_frame = simulation, speed / float(rate)
+        self._done = 0
+
+    def frames(self, seconds: float) -> int:
+        """Frames of so many simulated seconds, at least 1."""
+        return max(1, steps_in(seconds, self.per_frame))
+
+    def go(self, frame: int) -> None:
+        """Go on to the moment of that frame; a moment that is past stays."""
+        target = round(frame * self.per_frame / self.simulation.dt)
+        if target > self._done:
+            self.simulation.step(target - self._done)
+            self._done = target
+
+
+def open_film_renderer(name: str, size: tuple[int, int]) -> Renderer:
+    """The renderer for many pictures. On a software Vulkan driver `auto` is the rasteriser, which draws smooth edges
+    there in less time than GGUI needs for rough ones."""
+    fast = runtime.has_real_vulkan()
+    if name == "auto" and not fast and runtime.current().arch not in ("vulkan", "metal"):
+        name = "raster"
+    return open_renderer(name, size, samples=1 if name != "raster" and not fast else 2)
+
+
+class Pictures:
+    """Pictures of a simulation, (height, width, 3) uint8; close() when done."""
+
+    def __init__(self, simulation: Any, size: tuple[int, int], renderer: str = "auto"):
+        self.simulation, self.drawing = simulation, drawing_of(simulation, size)
+        self.renderer = open_film_renderer(renderer, size)
+
+    def take(self) -> np.ndarray:
+        return finished(self.renderer, self.drawing, self.simulation)
+
+    def close(self) -> None:
+        self.renderer.close()
+
+
+class Skins:
+    """The drawn skin of a simulation as Mesh, coloured as its scene's camera sees it. Raises ValueError if there is
+    none."""
+
+    def __init__(self, simulation: Any):
+        self.simulation, self.drawing = simulation, drawing_of(simulation)
+        if self.drawing.skin is None:
+            raise ValueError("this scene has no skin to write as a mesh")
+        self.drawing.hidden |= {"springs", "particles"}
+
+    def take(self) -> Mesh:
+        now, skin = self.simulation.snapshot(), self.drawing.skin
+        self.drawing.update(now.x, now.v, now.time, memory=now.memory)
+        assert skin is not None
+        # The skin's index, not the triangles': those are sorted anew for every picture.
+        rgb = np.round(255.0 * skin.triangles.rgba[:, :3].clip(0.0, 1.0)).astype(np.uint8)
+        return Mesh(skin.triangles.x.copy(), rgb, skin.index)
+
+    def close(self) -> None:
+        pass

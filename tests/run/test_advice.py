@@ -1,0 +1,91 @@
+"""What is told of scenes that run, but hardly as they are meant."""
+
+import warnings
+from dataclasses import replace
+
+import pytest
+
+from taichi_jello import (
+    Box,
+    Contact,
+    GravityKeyframe,
+    Keyframe,
+    Move,
+    Pin,
+    Plane,
+    Rope,
+    Scene,
+    SceneWarning,
+    Sheet,
+    Simulation,
+    scenefiles,
+)
+
+FALLING = {"collider": [Plane()]}
+HARD = Contact(stiffness=2000.0, damping=0.5)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi(best_precision):
+    return best_precision
+
+
+def told(scene):
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always", SceneWarning)
+        Simulation(scene, method="symplectic-euler").frame()
+    return [str(warning.message) for warning in found if issubclass(warning.category, SceneWarning)]
+
+
+def test_a_jello_too_heavy_for_its_contact_springs():
+    """2000 kg on a sixth of the 296 points of its surface, 2000 N/m each."""
+    heavy = Box(position=(0.0, 0.5, 0.0), mass=2000.0, stiffness=1e5)
+    (words,) = told(Scene(jello=[heavy], contact=HARD, **FALLING))
+    assert words.startswith("jello.0: 2e+03 kg on contact springs of 2000 N/m sinks in by about 0.2 m")
+    assert "contact.stiffness = 4e+04 would carry it" in words
+    assert not told(Scene(jello=[heavy], contact=Contact(stiffness=4e4), **FALLING))
+    assert not told(Scene(jello=[heavy], **FALLING))  # by default it is as hard as the jello
+    assert not told(Scene(jello=[heavy], contact=HARD))  # there is nothing to sink into
+
+
+def test_jellos_that_are_thrown_out_of_where_they_begin():
+    small = {"points": (3, 3, 3), "position": (0.0, 0.3, 0.0)}
+    (words,) = told(Scene(jello=[Box(**small)], **FALLING))
+    assert words.startswith("jello.0 comes to ") and "begins inside the ground or another jello" in words
+    sheets = [Sheet(points=(5, 5), size=(1.0, 1.0), position=(0.0, y, 0.0)) for y in (1.0, 1.05)]
+    assert len(told(Scene(jello=sheets, contact=HARD))) == 2
+    rope = Rope(points=9, length=1.0, position=(0.0, 3.0, 0.0))  # crossed ropes throw each other's middles apart
+    crossed = replace(rope, rotation=(0.0, 80.0, 0.0), pin=[Pin(max=(0.0, 1.0, 1.0))])
+    assert len(told(Scene(jello=[rope, crossed], contact=HARD))) == 2
+    held, moved = (
+        Pin(min=(0, 1, 0)),
+        Pin(min=(0, 1, 0), keyframe=[Move(time=0.0, offset=(0, 0, 0)), Move(time=1.0, offset=(0, 1, 0))]),
+    )
+    assert told(Scene(jello=[Box(**small, pin=[held])], **FALLING))
+    turned = [GravityKeyframe(time=0.0, gravity=(0.0, 300.0, 0.0))]
+    for scene in (
+        Scene(jello=[Box(points=(3, 3, 3), position=(0.0, 0.6, 0.0), velocity=(0.0, -8.0, 0.0))], **FALLING),
+        Scene(jello=[Box(**small, pin=[moved])], **FALLING),
+        Scene(jello=[Box(**small, keyframe=[Keyframe(time=0.0, rest_length=0.5)], pin=[held])], **FALLING),
+        Scene(jello=[Box(points=(3, 3, 3), position=(0.0, 2.0, 0.0))], keyframe=turned, **FALLING),
+    ):
+        assert not told(scene)
+
+
+def test_it_is_told_at_the_beginning_only():
+    simulation = Simulation(Scene(jello=[Box(points=(3, 3, 3), position=(0.0, 0.3, 0.0))], **FALLING))
+    later = simulation.snapshot()
+    with pytest.warns(SceneWarning):
+        simulation.frame()
+    simulation.restore(later)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SceneWarning)
+        simulation.frame()
+    simulation.reset()
+    with pytest.warns(SceneWarning):
+        simulation.frame()
+
+
+@pytest.mark.parametrize("name", ["bridge", "crowd", "rabbit", "stack"])
+def test_no_demo_is_told_of(name):
+    assert not told(scenefiles.load(name))
