@@ -108,7 +108,7 @@ def test_a_fingerprint_is_of_what_a_scene_does(tmp_path):
     assert len(set(prints)) == len(prints)
     assert fingerprint(made(Grab(), stiffness=200.0)) == prints[3]
     assert fingerprint(replace(scenes[3], title="x", seconds=1.0, camera=Camera(color="plain"))) == prints[3]
-    told = "from taichi_jello import *; from taichi_jello.replay import fingerprint; "
+    told = "from taichi_jello import *; from taichi_jello.run.replay import fingerprint; "
     told += "print(fingerprint(Scene(jello=[Box(points=(4, 4, 4))], force=[Grab()])))"
     again = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True).stdout
     assert again.strip() == prints[3]

@@ -15,9 +15,9 @@ from dataclasses import replace
 from still import Still, cube_scene
 from taichi_jello import runtime
 from taichi_jello.physics.forces.grab import Grab
-from taichi_jello.simulation import Simulation
-from taichi_jello.view.play import play
-from taichi_jello.view.viewer import Viewer
+from taichi_jello.run.simulation import Simulation
+from taichi_jello.view.window.play import play
+from taichi_jello.view.window.viewer import Viewer
 runtime.start()
 scene = replace(cube_scene(0.5, 3), title="probe", force=(Grab(),))
 simulation = Simulation(scene) if sys.argv[3] == "real" else Still(scene)
