@@ -18,7 +18,8 @@ with interrupt.importing():
     from taichi_jello.physics.forces.wind import Wind
     from taichi_jello.run.clock import StepWarning
     from taichi_jello.run.diverged import Diverged
-    from taichi_jello.run.simulation import Simulation, Snapshot
+    from taichi_jello.run.simulation import Simulation
+    from taichi_jello.run.snapshot import Snapshot
     from taichi_jello.run.start_warnings import SceneWarning
     from taichi_jello.scene.description import Camera, Contact, Pin, Scene, SceneError, Solver
     from taichi_jello.scene.keyframes import GravityKeyframe, Keyframe, Move

@@ -9,7 +9,8 @@ import numpy as np
 from taichi_jello.run.find_culprit import Blame, Culprit
 
 if TYPE_CHECKING:
-    from taichi_jello.run.simulation import Simulation, Snapshot
+    from taichi_jello.run.simulation import Simulation
+    from taichi_jello.run.snapshot import Snapshot
 
 
 class Diverged(RuntimeError):

@@ -14,7 +14,8 @@ import numpy as np
 from taichi_jello import __version__
 from taichi_jello.physics.forces.grab import with_hand
 from taichi_jello.physics.forces.wind import with_wind
-from taichi_jello.run.simulation import Simulation, Snapshot
+from taichi_jello.run.simulation import Simulation
+from taichi_jello.run.snapshot import Snapshot
 from taichi_jello.scene.description import Camera, Scene
 from taichi_jello.support.wording import counted
 

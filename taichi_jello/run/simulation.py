@@ -3,7 +3,7 @@
 import contextlib
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,24 +16,10 @@ from taichi_jello.run.assembly import assembled
 from taichi_jello.run.auto_method import AUTO, Choice
 from taichi_jello.run.clock import Clock, StepWarning, asked_step, asked_substeps, safe_substeps, steps_in
 from taichi_jello.run.diverged import diverged
+from taichi_jello.run.snapshot import Snapshot
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene, SceneError, vector
 from taichi_jello.support import interrupt, runtime
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """Everything a run needs to go on to the same bits: time [s], x [m] and v [m/s], (N, 3), and a memory of what has
-    changed in the springs and of what the method keeps from step to step, empty where there is neither. Without it a
-    run goes on as if nothing had changed before and this step were the first. Where a simulation has made it, also the
-    clock that `time` is the sum of, and what the hand does."""
-
-    time: float
-    x: np.ndarray
-    v: np.ndarray
-    memory: dict[str, np.ndarray] = field(default_factory=dict)
-    clock: tuple[float, int, int, float] | None = None  # time before the frames [s], frames, substeps, dt [s]
-    grip: tuple[Any, ...] | None = None
 
 
 class Simulation:
@@ -64,10 +50,8 @@ class Simulation:
             start_warnings.on_crossings(scene, self.body)
         self.method = method or scene.solver.method
         self.frame_dt = scene.solver.frame_dt
-        self.choice: Choice | None = None  # of `auto`
         self._told: tuple[Any, ...] = ()  # the step that was warned of
-        if self.method == AUTO:
-            self.choice = Choice(scene, self.body, self.asked_step != ("auto", None))
+        self.choice = Choice(scene, self.body, self.asked_step != ("auto", None)) if self.method == AUTO else None
         self.system = System(scene, self.body, method=self.choice or self.method, team=team, ledger=ledger)
         self.method = self.system.integrator.name
         self._systems = {self.method: self.system}  # Taichi gives back no compiled code: each is made only once

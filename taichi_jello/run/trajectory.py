@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from taichi_jello.physics.energies import ENERGIES
-from taichi_jello.run.simulation import Simulation, Snapshot
+from taichi_jello.run.simulation import Simulation
+from taichi_jello.run.snapshot import Snapshot
 from taichi_jello.scene.body import Body
 
 # What a state and a scene must have in common, and how nearly: their shapes, not what they are made of.

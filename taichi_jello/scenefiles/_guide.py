@@ -14,8 +14,8 @@ from taichi_jello.scenefiles._table import kinds
 def tables() -> Iterator[tuple[str, type, type]]:
     """The heading of each table, its class, and the class whose keys are told elsewhere."""
     yield "the scene itself", Scene, object
-    for name, kind in (("solver", Solver), ("contact", Contact), ("camera", Camera)):
-        yield f"[{name}]", kind, object
+    for name, table in (("solver", Solver), ("contact", Contact), ("camera", Camera)):
+        yield f"[{name}]", table, object
     yield "[[keyframe]]", GravityKeyframe, object
     for name, base, choice in (("jello", Jello, "shape"), ("collider", Collider, "type")):
         yield f"[[{name}]], whatever its `{choice}`", base, object

@@ -16,7 +16,8 @@ from taichi_jello import scenefiles
 from taichi_jello.physics.integrators import scheme, schemes
 from taichi_jello.run.clock import StepWarning
 from taichi_jello.run.diverged import Diverged
-from taichi_jello.run.simulation import Simulation, Snapshot
+from taichi_jello.run.simulation import Simulation
+from taichi_jello.run.snapshot import Snapshot
 from taichi_jello.scene.description import Scene, SceneError
 from taichi_jello.studies._report import Lacking, headline, machine, table, take
 from taichi_jello.support import runtime

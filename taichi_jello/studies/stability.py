@@ -13,7 +13,8 @@ from taichi_jello.physics.integrators import scheme, schemes
 from taichi_jello.physics.stable_step import stable_limit
 from taichi_jello.run.clock import StepWarning
 from taichi_jello.run.diverged import Diverged
-from taichi_jello.run.simulation import Simulation, Snapshot
+from taichi_jello.run.simulation import Simulation
+from taichi_jello.run.snapshot import Snapshot
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
 from taichi_jello.shapes.lattice import Box

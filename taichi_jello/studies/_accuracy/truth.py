@@ -8,7 +8,8 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.run.clock import StepWarning
-from taichi_jello.run.simulation import Simulation, Snapshot
+from taichi_jello.run.simulation import Simulation
+from taichi_jello.run.snapshot import Snapshot
 from taichi_jello.studies._accuracy.cases import Case
 from taichi_jello.studies._reference import Reference
 from taichi_jello.studies._report import INSTALL

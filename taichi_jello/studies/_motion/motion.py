@@ -11,7 +11,8 @@ from taichi_jello.physics.integrators import schemes
 from taichi_jello.run.auto_method import AUTO, check
 from taichi_jello.run.clock import StepWarning, asked_substeps
 from taichi_jello.run.diverged import Diverged
-from taichi_jello.run.simulation import Simulation, Snapshot
+from taichi_jello.run.simulation import Simulation
+from taichi_jello.run.snapshot import Snapshot
 from taichi_jello.studies._motion.toys import Toys
 from taichi_jello.studies._motion.trials import FRAME, SLOPE, TRIALS, Run, Trial
 from taichi_jello.studies._report import keep, machine, take

@@ -22,17 +22,14 @@ ROW = 8  # places in a row of a list: leaves, and in the last one where the next
 OWN = 2.5  # distances between the points within which a jello does not touch itself: there its springs hold
 ROUNDS = 7  # of a search
 ONE_STEP = 1.001  # the least time that lists last, in steps
-LEAST, MOST = 0.4, 0.6  # a margin's usual size, in distances between the points
-NARROWEST = 0.01  # of that
+LEAST, MOST, NARROWEST = 0.4, 0.6, 0.01  # a margin: its usual size, in distances between the points; a part of that
 
 
 @ti.data_oriented
 class Neighbours(Margins):
     """Point q has listed[q] leaves near it, read one after another by `next` from first_place(q) on, jello by jello:
     blocks of cells, single triangles or segments, the elements tree_order[tree_first[n]] … tree_order[tree_last[n] -
-    1]. A point for which the lists have no room has all leaves there are.
-
-    Points that have any: busy[0] … busy[state[2] - 1]."""
+    1]. A point for which the lists have no room has all leaves. Points that have any: busy[0] … busy[state[2] - 1]."""
 
     def __init__(self, title: str, body: Body, memory: Memory, touching: Touching, others: bool, itself: np.ndarray):
         """others: whether jellos meet other ones; itself (J,) bool: which meet themselves."""
