@@ -187,7 +187,7 @@ def test_a_scene_without_a_skin_gives_no_meshes(here, small, tmp_path):
 BLOCKED = """
 import sys
 sys.modules[{module!r}] = None
-from taichi_jello import cli
+from taichi_jello.app import cli
 cli.make_simulation = None  # what is missing is told before anything is simulated
 sys.exit(cli.main(["video", "cube", "-o", {name!r}]))
 """

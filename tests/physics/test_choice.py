@@ -125,7 +125,13 @@ def test_schemes_of_second_order_fade_less_and_verlet_nothing():
     assert found["verlet"] == float("inf")
 
 
-@pytest.mark.parametrize(("beside", "solved"), [([], 400), ([Ball(resolution=3)], 400), ([Sheet(points=(4, 4))], 4000)])
+FAR = (3.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("beside", "solved"),
+    [([], 400), ([Ball(resolution=3, position=FAR)], 400), ([Sheet(points=(4, 4), position=FAR)], 4000)],
+)
 def test_a_sheet_beside_a_solid_makes_solves_as_long_as_its_own(beside, solved):
     simulation = Simulation(Scene(jello=[Box(points=(3, 3, 3), stiffness=1e10), *beside]))
     assert simulation.method == "adaptive"

@@ -109,10 +109,10 @@ def inlined(monkeypatch, method, **options):
 @pytest.mark.parametrize("method", ["symplectic-euler", "rk4"])
 def test_only_what_a_scene_needs_is_compiled(method, monkeypatch, best_precision):
     code = {name: inlined(monkeypatch, method, **options) for name, options in SCENES.items()}
-    assert "springs.hooke" in code["undamped"]
-    assert code["plain"] - code["undamped"] == {"springs.dashpot"}
-    assert code["no friction"] - code["plain"] >= {"contact.pressure", "plane.signed_distance"}
-    assert code["plane"] - code["no friction"] == {"contact.rub"}
-    swept = {"sphere.core_entry", "sweep.stop", "sweep.first_entry"}
+    assert "hooke.hooke" in code["undamped"]
+    assert code["plain"] - code["undamped"] == {"hooke.dashpot"}
+    assert code["no friction"] - code["plain"] >= {"collider_penalty.pressure", "plane.signed_distance"}
+    assert code["plane"] - code["no friction"] == {"collider_penalty.rub"}
+    swept = {"sphere.core_entry", "continuous_collision.stop", "continuous_collision.first_entry"}
     assert code["sphere too"] - code["plane"] == {"sphere.signed_distance"} | swept
     assert not any(name.startswith(("gravity.", "drag.", "field.")) for names in code.values() for name in names)

@@ -184,7 +184,7 @@ def test_sides_that_do_not_agree_brake_nothing():
     rope = Rope(points=31, length=2.0, position=(0.37, 1.0, 0.0), velocity=(1.0, 0.0, 0.0))
     jello = [rope, Box(points=(5, 5, 5), size=(1.0, 1.0, 1.0), position=(0.0, 1.0, 0.0))]
     scene = Scene(gravity=(0.0, 0.0, 0.0), jello=jello, contact=Contact(friction=0.0, damping=0.0))
-    simulation = Simulation(scene, method="rk4", substeps=400, ledger=True)
+    simulation = Simulation(scene, method="rk4", substeps=400, ledger=True, check_start=False)
     simulation.step(20)  # later some are in no cell, by rounding: they lie where four meet
     assert touch(simulation).contacts.own.to_numpy()[:31].sum() >= 10
     simulation.step(20)
