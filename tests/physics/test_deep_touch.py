@@ -135,8 +135,8 @@ def test_thickness_and_compactness_of_shapes():
 
 @pytest.mark.parametrize("turn", ["crossed", "by half"])
 def test_slabs_laid_into_each_other_gain_nothing(slabs, turn):
-    """Led from middle to middle, to far ends, they came apart with about twice the energy that there was. Now such slabs
-    stay in each other, and a scene that begins so is warned of."""
+    """Led from middle to middle, to far ends, they came apart with about twice the energy that there was. Now they stay
+    in each other, and a scene that begins so is warned of."""
     rest = slabs.body.rest[: len(slabs.body) // 2]
     other = rest[:, [0, 2, 1]] if turn == "crossed" else rest + [0.5, 0.01, 0.02]
     start = Snapshot(0.0, np.concatenate([rest, other]), np.zeros((len(slabs.body), 3)))
