@@ -26,7 +26,7 @@ class Integrator:
     - `looks_at`, at which part of a step forces look for what is touched in it: the middle, where it looks beyond the
       step's beginning, so that as much is found too late as is given up too early;
     - with `has_begin`, `@ti.func begin(self, system, first, last, t)`, run before the first step of a frame;
-    - with `solves`, a `solver` (see physics/solve) whose turns follow each stage until its mode is 0, and
+    - with `solves`, a `solver` (see integrators/implicit_solve) whose turns follow each stage until its mode is 0, and
       `prepare(system, dt)`, called before steps of that length.
     """
 
