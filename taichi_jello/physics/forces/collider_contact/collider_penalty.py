@@ -86,8 +86,8 @@ class PenaltyContact(ParticleForce):
 
     @classmethod
     def made_for(cls, scene, particles):
-        """For the particles of jellos without an embedded skin; the others touch with their skin (skin_penalty.py), and if
-        they may come apart with the particles inside it as well."""
+        """For the particles of jellos without an embedded skin. The others touch with their skin (skin_penalty.py), and
+        if they may come apart with the particles inside it as well."""
         body = particles.body
         embedded = body.embedded & ~(body.inside & loose(scene)[body.jello])
         if not scene.collider or scene.contact.stiffness == 0.0 or embedded.all():
