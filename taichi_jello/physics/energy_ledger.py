@@ -8,7 +8,7 @@ falls with dt⁴: the state at the end of every substep is all it needs, so that
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.forces._base import ParticleForce
+from taichi_jello.physics.forces._base import MutualForce, ParticleForce
 from taichi_jello.physics.state import Memory
 
 
@@ -42,9 +42,8 @@ class Ledger:
         self.names = [name for force in self.own for name in force.works] + [force.title for force in self.plain]
         self.handles, self.alone = handles, tuple(force for force in forces if not force.prepares)
         self.impacts = len(self.names)  # the column of what is lost in the cores of solids
-        self.names += ["impacts"] * any(force.sweep or getattr(force, "brake", None) for force in forces) + [
-            "handles"
-        ] * handles
+        brakes = any(force.brake for force in forces if isinstance(force, MutualForce))
+        self.names += ["impacts"] * (brakes or any(force.sweep for force in forces)) + ["handles"] * handles
         self.starts = tuple(int(n) for n in np.cumsum([0] + [len(force.works) for force in self.own]))
         self.memory, self.count, self.columns = memory, memory.particles, len(self.names)
         self.kept: dict[str, float] = {}  # of the call that runs

@@ -152,7 +152,7 @@ class AdaptiveStepper:
     def _jolts(self, now: Moment, after: Moment, length: float) -> np.ndarray:
         """(J,) whether a jello that is free has changed its speed otherwise than in the step before, and than a free
         fall does."""
-        changed = np.hstack([after.whole.velocity - now.whole.velocity, after.whole.spin - now.whole.spin])
+        changed = self._changed(now, after)
         fall = np.hstack([self.flight.gravity(), np.zeros(3)])
         off = np.full(len(self.size), np.inf)
         for gain in (self.integrator.past.get("gain", fall), fall):
@@ -161,6 +161,11 @@ class AdaptiveStepper:
             off = np.minimum(off, np.sqrt((rest[:, :3] ** 2).sum(1) + turning))
         speed = np.maximum(self.whole.speed(now.whole), self.whole.speed(after.whole))
         return self.flight.free & (off > np.maximum(SPEED * speed, self._slow()))
+
+    @staticmethod
+    def _changed(now: Moment, after: Moment) -> np.ndarray:
+        """(J, 6) [m/s, rad/s] by what each jello has changed its motion as a whole."""
+        return np.hstack([after.whole.velocity - now.whole.velocity, after.whole.spin - now.whole.spin])
 
     def _slow(self) -> np.ndarray:
         """(J,) [m/s] what a jello does not bounce any more with."""
@@ -181,7 +186,7 @@ class AdaptiveStepper:
         """Remember a step that is taken, and, of an implicit one, which jellos flew and the velocities v (N, 3) that it
         began with, unless a swing may have been left then, as after an impact."""
         past = self.integrator.past
-        changed = np.hstack([after.whole.velocity - now.whole.velocity, after.whole.spin - now.whole.spin])
+        changed = self._changed(now, after)
         smooth = 0 if flies is None else int(past.get("smooth", 0)) + 1
         flew = np.zeros(len(self.size), bool) if flies is None else flies.copy()
         past |= {"gain": changed / length, "smooth": np.array(smooth), "flies": flew}

@@ -15,6 +15,7 @@ import taichi as ti
 from taichi_jello.physics.adaptive.rigid_motion import Motion, RigidMotion, cross, turned
 from taichi_jello.physics.forces._base import MutualForce
 from taichi_jello.physics.forces.gravity import Gravity
+from taichi_jello.physics.forces.soft_contact.surface.crossings import meet
 
 LOOKS = 8  # at places on its way, at most, whether it touches something there
 HALF = 0.5  # of what is thinnest, and of a radian, from one of these places to the next
@@ -79,16 +80,13 @@ class FreeFlight:
         can touch itself."""
         if not self.mutual:
             return np.zeros((len(self.free),) * 2, bool)
-        there, keeps = (
-            x + length * v,
-            self.mutual[0].near.touching.radius + MARGIN * self.mutual[0].near.touching.spacing,
-        )
-        first = self.whole.first
+        near = self.mutual[0].near
+        there, keeps, first = x + length * v, near.touching.radius + MARGIN * near.touching.spacing, self.whole.first
         low = np.minimum.reduceat(np.minimum(x, there), first) - keeps[:, None]
         high = np.maximum.reduceat(np.maximum(x, there), first) + keeps[:, None]
-        meet = np.all((low <= high[:, None]) & (low[:, None] <= high), axis=2)
-        np.fill_diagonal(meet, self.mutual[0].near.itself)
-        return meet
+        found = meet(low[:, None], high[:, None], low, high)
+        np.fill_diagonal(found, near.itself)
+        return found
 
     def presses(self, t: float) -> np.ndarray:
         """(J,) which jellos a collider presses on where they are, `t` [s] after the frame began."""
@@ -167,7 +165,8 @@ class FreeFlight:
         return v
 
     def meets(self, write: Any, now: Any, flies: np.ndarray, t: float, length: float) -> np.ndarray:
-        """(J,) which of those that fly come to touch a collider on their way from `t` [s] on, as shaped now."""
+        """(J,) which of those that fly come to touch a collider on their way from `t` [s] on, as shaped now.
+        Leaves a place on that way in the fields."""
         met, close = np.zeros_like(flies), flies & ~self.far
         if not close.any():
             return met
@@ -177,5 +176,4 @@ class FreeFlight:
             met = close & self.presses(t + part * length)
             if met.any():
                 break
-        write(now.x, now.v)
         return met

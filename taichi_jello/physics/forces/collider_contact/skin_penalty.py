@@ -81,12 +81,7 @@ class SkinContact(PenaltyContact):
             way = x[corners[k]] - p
             reach = ti.max(reach, way.dot(way))
         reach = ti.sqrt(reach)
-        near = 0
-        for group in ti.static(self.groups):
-            for r in range(group.start, group.stop):
-                if self.touch(group.signed_distance, r, p, t)[3] <= reach:
-                    near = 1
-        return near
+        return ti.select(self.gap(p, t) <= reach, 1, 0)
 
     @ti.func
     def prepare(self, first, last, x, v, t):

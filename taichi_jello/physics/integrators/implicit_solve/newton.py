@@ -32,8 +32,8 @@ class Newton:
     """Fields and turns of one solve. `start` is given z, w and c; then `turn` is repeated until `mode` is DONE.
 
     accuracy: it ends when a step moves no particle farther than this part of the first step, or than positions are
-    rounded; it may be changed before `prepare`. forcing: by how much conjugate gradients
-    reduce the residual before Newton goes on. rounds and inner: the most Newton steps, and products with H for each.
+    rounded; it may be changed before `prepare`. forcing: by how much conjugate gradients reduce the residual before
+    Newton goes on. rounds and inner: the most Newton steps, and products with H for each.
     """
 
     kinds = (PREPARE, EVALUATE, CONJUGATE)
