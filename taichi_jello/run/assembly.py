@@ -9,7 +9,7 @@ from taichi_jello.scene.body import Body, join
 from taichi_jello.scene.description import Jello, Scene
 from taichi_jello.scene.keyframes import offset
 from taichi_jello.scene.material import material
-from taichi_jello.scene.region import divided, places
+from taichi_jello.scene.region import places, with_regions
 from taichi_jello.scene.validation import SceneError
 
 
@@ -30,7 +30,7 @@ def built(jello: Jello) -> Body:
         if pin.keyframe:  # a handle begins where its path does
             body = replace(body, x=body.x + held[:, None] * offset(pin.keyframe, 0.0))
     body = replace(body, **material(jello, body))
-    return replace(body, **divided(body, tuple(jello.region))) if jello.region else body
+    return replace(body, **with_regions(body, tuple(jello.region))) if jello.region else body
 
 
 def assembled(scene: Scene) -> Body:

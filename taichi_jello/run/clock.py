@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from math import ceil
 
 from taichi_jello.physics.system import System
-from taichi_jello.scene.description import SceneError, Solver, whole
+from taichi_jello.scene.description import SceneError, Solver
+from taichi_jello.scene.validation import whole
 
 MOST_SUBSTEPS = 1_000_000  # of a frame that an automatic step may come to
 MOST_ASKED = 1_000_000_000  # of a frame, or in one go, that a person may ask for: about an hour of a small body

@@ -1,1 +1,1 @@
-"""What a person asks for, checked; and the Body that it becomes. NumPy only."""
+"""The scene description, checked, and the Body it becomes. NumPy only."""

@@ -12,19 +12,18 @@ FAMILY_NAMES = ("structural", "shear", "bend", "other")
 class Body:
     """N particles, S springs and T surface triangles, SI units.
 
-    rest (N, 3): undeformed positions in the shape's own frame. x, v (N, 3): where they start and how fast.
-    mass (N,); pinned (N,) bool: held still; jello (N,): which jello of the scene a particle belongs to.
-    springs (S, 2): particle pairs, the lower index first; rest_length, stiffness, damping (S,);
-    family (S,): 0 structural, 1 shear, 2 bend, 3 other; direction (S, 3): unit vector between the rest positions,
-    which decides where a spring of no length pushes. surface (T, 3): outward, counter-clockwise triangles.
-    cells (C, 8): the corners of the hexahedra that fill a solid body, corner 4a + 2b + c at a, b, c ∈ {0, 1} steps
-    along its x, y and z; none for a sheet or a rope.
+    rest (N, 3): undeformed positions in the shape's own frame. x, v (N, 3): initial positions and velocities.
+    mass (N,); pinned (N,) bool; jello (N,): index of the particle's jello in the scene.
+    springs (S, 2): particle pairs, the lower index first; rest_length, stiffness, damping (S,); family (S,): index in
+    FAMILY_NAMES; direction (S, 3): unit vector between the rest positions, along which a spring of zero length pushes.
+    surface (T, 3): outward, counter-clockwise triangles.
+    cells (C, 8): corners of the hexahedra that fill a solid, corner 4a + 2b + c at a, b, c ∈ {0, 1} steps along its x,
+    y and z; none for a sheet or a rope.
 
-    A jello may have a finer skin of V points, embedded in its cells: skin_corners (V, 8): the corners of the cell
-    that each lies in, in the order of cells; skin_weights (V, 8): trilinear weights, none negative, which sum to 1, so
-    that a point is Σ weight · x[corner] wherever the corners are; skin (T', 3): outward, counter-clockwise triangles
-    over these points. It is what is seen, grabbed and touched of such a jello, in place of its `surface`.
-    inside (N,) bool: whether the particle's rest position is inside that skin; true where there is none.
+    A jello may have a finer skin of V points embedded in its cells. It is then drawn, grabbed and touched in place of
+    `surface`. skin_corners (V, 8): corners of the cell around each point, ordered as in cells; skin_weights (V, 8):
+    trilinear weights ≥ 0 that sum to 1; skin (T', 3): triangles over these points. inside (N,) bool: whether the
+    particle's rest position is inside the skin; true without one.
     """
 
     rest: np.ndarray
@@ -62,15 +61,15 @@ class Body:
 
     @cached_property
     def bare_surface(self) -> np.ndarray:
-        """(T, 3): the triangles of `surface` that are a jello's skin themselves."""
+        """(T, 3): triangles of `surface` of the jellos without an embedded skin."""
         return self.surface[~self.embedded[self.surface[:, 0]]]
 
     def skin_points(self, x: np.ndarray) -> np.ndarray:
-        """(V, 3): where the embedded skin's points are while the particles are at x (N, 3)."""
+        """(V, 3) positions of the embedded skin's points for particles at x (N, 3)."""
         return np.einsum("vk,vkd->vd", self.skin_weights, x[self.skin_corners])
 
     def extent(self, jello: int) -> tuple[np.ndarray, np.ndarray]:
-        """The least and the largest coordinates (3,) [m] at the start of what is seen of a jello."""
+        """Opposite corners (3,) [m] of the initial bounding box of a jello, of its skin if it has one."""
         points = self.x[self.jello == jello]
         if self.embedded[self.jello == jello].any():
             points = self.skin_points(self.x)[self.jello[self.skin_corners[:, 0]] == jello]
@@ -78,17 +77,12 @@ class Body:
 
 
 def join(bodies: list[Body]) -> Body:
-    """All bodies as one; indices of springs, triangles, cells and skins follow what they count."""
-    starts = np.cumsum([0] + [len(body) for body in bodies])
+    """All bodies as one, with the indices in springs, triangles, cells and skins shifted."""
+    particles = np.cumsum([0] + [len(body) for body in bodies])
     points = np.cumsum([0] + [len(body.skin_corners) for body in bodies])
-    parts: dict[str, np.ndarray] = {}
-    for each in fields(Body):
-        arrays = [getattr(body, each.name) for body in bodies]
-        if each.name in ("springs", "surface", "cells", "skin_corners"):
-            arrays = [a + start for a, start in zip(arrays, starts, strict=False)]
-        elif each.name == "skin":
-            arrays = [a + start for a, start in zip(arrays, points, strict=False)]
-        elif each.name == "jello":
-            arrays = [np.full_like(a, index) for index, a in enumerate(arrays)]
-        parts[each.name] = np.concatenate(arrays)
-    return Body(**parts)
+    shifts = dict.fromkeys(("springs", "surface", "cells", "skin_corners"), particles) | {"skin": points}
+    parts = {each.name: [getattr(body, each.name) for body in bodies] for each in fields(Body)}
+    for name, shift in shifts.items():
+        parts[name] = [a + start for a, start in zip(parts[name], shift, strict=False)]
+    parts["jello"] = [np.full_like(a, index) for index, a in enumerate(parts["jello"])]
+    return Body(**{name: np.concatenate(arrays) for name, arrays in parts.items()})

@@ -1,7 +1,7 @@
-"""What a person asks for: frozen descriptions in SI units, y up, checked when they are made.
+"""The scene description: frozen dataclasses in SI units, y up, checked when they are made; no Taichi.
 
-Nothing here knows Taichi. A wrong value raises `SceneError`, which names the key and what was expected.
-The names are those of the TOML format, so that one description serves Python, files and `--set`.
+An invalid value raises `SceneError`, which names the key and what was expected. Field names are the keys of scene files
+and of `--set`.
 """
 
 import dataclasses
@@ -14,7 +14,7 @@ import numpy as np
 
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.keyframes import GravityKeyframe, Keyframe, Move, offset
-from taichi_jello.scene.region import Region
+from taichi_jello.scene.region import Pin, Region
 from taichi_jello.scene.validation import (
     FAMILIES,
     FASTEST,
@@ -31,7 +31,6 @@ from taichi_jello.scene.validation import (
     vectors,
     word,
 )
-from taichi_jello.scene.validation import whole as whole
 
 SHOWS = ("skin and springs", "all springs", "skin", "particles")
 COLORS = ("force", "strain", "stiffness", "family", "plain")
@@ -39,7 +38,8 @@ COLORS = ("force", "strain", "stiffness", "family", "plain")
 
 @dataclass(frozen=True, kw_only=True)
 class Solver(Checked):
-    """How time is cut: `method` by name, `dt` [s] or "auto", one drawn frame every `frame_dt` [s]."""
+    """The integration `method` by name, its step `dt` [s] or "auto", and the time between drawn frames `frame_dt`
+    [s]."""
 
     method: str = "auto"
     dt: float | str = "auto"
@@ -56,7 +56,7 @@ class Solver(Checked):
 @dataclass(frozen=True, kw_only=True)
 class Contact(Checked):
     """The penalty spring [N/m], dashpot [N·s/m] and Coulomb coefficient of every touching point; "auto": from each
-    jello's own springs, see contact_law.py. `touch`: whether jellos feel each other."""
+    jello's own springs, see contact_law.py. `touch`: whether jellos collide with each other."""
 
     stiffness: float | str = "auto"
     damping: float | str = "auto"
@@ -64,16 +64,14 @@ class Contact(Checked):
     touch: bool = True
 
     def check(self) -> dict[str, Any]:
-        checked: dict[str, Any] = {"friction": number("friction", self.friction, low=0.0)}
-        for name in ("stiffness", "damping"):
-            checked[name] = number_or_auto(name, getattr(self, name), low=0.0)
-        return checked | {"touch": truth("touch", self.touch)}
+        springs = {name: number_or_auto(name, getattr(self, name), low=0.0) for name in ("stiffness", "damping")}
+        return {"friction": number("friction", self.friction, low=0.0), "touch": truth("touch", self.touch)} | springs
 
 
 @dataclass(frozen=True, kw_only=True)
 class Camera(Checked):
-    """Where a picture is taken from: the eye, the point looked at [m] and the vertical field of view [degrees] of a
-    picture of 16:9, as wide as which narrower ones see; and what is shown of jellos, and by the springs' colour."""
+    """The camera's position `eye` and the point it looks at [m]; fov: the vertical field of view [degrees] of a 16:9
+    picture (narrower pictures keep its width); what is drawn of jellos, and what the springs' color shows."""
 
     eye: Vector = (2.6, 1.9, 3.6)
     target: Vector = (0.0, 0.6, 0.0)
@@ -82,49 +80,48 @@ class Camera(Checked):
     show: str = SHOWS[0]
 
     def check(self) -> dict[str, Any]:
-        checked = {"eye": vector("eye", self.eye), "target": vector("target", self.target)}
-        if checked["eye"] == checked["target"]:
+        eye, target, fov = vector("eye", self.eye), vector("target", self.target), number("fov", self.fov, above=0.0)
+        if eye == target:
             raise SceneError("eye", "expected a point away from the target")
-        fov = number("fov", self.fov, above=0.0)
         if fov >= 180.0:
             raise SceneError("fov", f"expected less than 180 degrees, got {fov:g}")
         words = {"color": word("color", self.color, COLORS), "show": word("show", self.show, SHOWS)}
-        return checked | {"fov": fov} | words
+        return {"eye": eye, "target": target, "fov": fov} | words
 
 
 @dataclass(frozen=True, kw_only=True)
 class Collider(Checked):
-    """A rigid obstacle. A subclass in `physics/colliders` names its `type` and says how it is touched and drawn, as if
-    it had no keyframes: these move all of it."""
+    """A rigid obstacle. A subclass in `physics/colliders` names its `type` and defines its geometry; the keyframes move
+    it as a whole."""
 
     type: ClassVar[str]
     parts: ClassVar[dict[str, type[Checked]]] = {"keyframe": Move}
-    core_entry: ClassVar[Any] = None  # of a solid that could be passed through in one step: see continuous_collision.py
+    core_entry: ClassVar[Any] = None  # of a solid that one step could cross: see continuous_collision.py
     keyframe: Sequence[Move] = ()
 
     @property
     def thickness(self) -> float:
-        """[m] The least way through it."""
+        """[m] The shortest way through it."""
         return float("inf")
 
     def moved_rows(self, start: float, end: float) -> np.ndarray:
-        """Its `rows` where its keyframes have moved it."""
+        """Its `rows`, displaced by its keyframes."""
         rows, here = self.rows(start, end).copy(), offset(self.keyframe, start)
         rows[:, :3] += here
         rows[:, 3:6] += (offset(self.keyframe, end) - here) / (end - start)
         return rows
 
     def place(self, time: float) -> np.ndarray:
-        """Its `origin` (3,) where its keyframes have moved it."""
+        """Its `origin` (3,), displaced by its keyframes."""
         return self.origin(time) + offset(self.keyframe, time)
 
     def rows(self, start: float, end: float) -> np.ndarray:
-        """(n, 10): for each of its surfaces the origin at time `start` [m], the velocity that carries it to its
-        place at time `end` [m/s], and four numbers for `signed_distance`."""
+        """(n, 10), for each of its surfaces: the origin at time `start` [m], the velocity that moves it to its place
+        at time `end` [m/s], and four parameters of `signed_distance`."""
         raise TypeError(f"{type(self).__name__} must define rows()")
 
     def mesh(self, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (V, 3) [m] relative to its origin and triangles (T, 3) to draw; `reach` [m] bounds endless ones."""
+        """Vertices (V, 3) [m] relative to its origin and triangles (T, 3) to draw; `reach` [m] bounds infinite ones."""
         return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
 
     def edges(self, reach: float) -> np.ndarray:
@@ -132,54 +129,32 @@ class Collider(Checked):
         return np.zeros((0, 2, 3))
 
     def origin(self, time: float) -> np.ndarray:
-        """(3,) what `mesh` and `edges` are relative to at `time` [s]."""
+        """(3,) [m] the origin of `mesh` and `edges` at `time` [s], without keyframes."""
         return np.zeros(3)
 
     def floor(self) -> float | None:
-        """The height [m] of a level floor that shadows fall on, if it has one."""
+        """The height [m] of a level floor that receives shadows, if any."""
         return None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Force(Checked):
-    """An external force of its own table in the scene. A subclass in `physics/forces` names its `key`."""
+    """An external force with a table of its own. A subclass in `physics/forces` names its `key`."""
 
     key: ClassVar[str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pin(Checked):
-    """Points held: those whose rest position, 0 to 1 along each axis of the shape, lies in the box; still or, as a
-    handle, moved along its keyframes, straight within a frame."""
-
-    min: Vector = (0.0, 0.0, 0.0)
-    max: Vector = (1.0, 1.0, 1.0)
-    keyframe: Sequence[Move] = ()
-    parts: ClassVar[dict[str, type[Checked]]] = {"keyframe": Move}
-
-    def check(self) -> dict[str, Any]:
-        low, high = vector("min", self.min), vector("max", self.max)
-        if any(a > b for a, b in zip(low, high, strict=True)):
-            raise SceneError("max", f"expected at least min {list(low)} on every axis, got {list(high)}")
-        return {"min": low, "max": high}
-
-    def holds(self, where: np.ndarray) -> np.ndarray:
-        """(n,) whether it holds points at the places (n, 3)."""
-        return np.all((where >= np.array(self.min) - 1e-9) & (where <= np.array(self.max) + 1e-9), axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Jello(Checked):
     """One soft body. A subclass in `shapes` names its `shape` and builds the points and springs.
 
-    position [m] of its centre, rotation [degrees about x, then y, then z], velocity [m/s], spin [rad/s],
-    mass [kg] of the whole, stiffness [N/m] and damping [N·s/m] of each spring or a table by family. In their places a
-    solid may have a Young's modulus young [Pa], a density [kg/m³] and a damping_ratio: see material.py. Both
-    of a pair are refused (in Python only if what is replaced differs from its default).
-    creep [1/s]: the rate at which its springs' rest lengths follow their lengths; yield_strain: the strain beyond which
-    the rest lengths follow at once; tear_strain: that at which a spring breaks, of the length it was made or frozen
-    with; 0: never.
-    x [m], v [m/s]: (N, 3) where each point starts and how fast, instead of all that.
+    position [m] of its centre, rotation [degrees about x, then y, then z], velocity [m/s], spin [rad/s], mass [kg] of
+    the whole, stiffness [N/m] and damping [N·s/m] of each spring or a table by family. Instead of these a solid may
+    have a Young's modulus young [Pa], a density [kg/m³] and a damping_ratio: see material.py. Giving both of a pair is
+    an error (in Python only if the one replaced differs from its default).
+    creep [1/s]: the rate at which rest lengths relax to the springs' lengths; yield_strain: beyond it they follow at
+    once; tear_strain, relative to the initial or frozen length: at it a spring breaks; 0: never.
+    x [m], v [m/s]: (N, 3) initial positions and velocities of the points, in place of the above.
     """
 
     shape: ClassVar[str]
@@ -213,24 +188,23 @@ class Jello(Checked):
     def check(self) -> dict[str, Any]:
         if isinstance(self.springs, str) or not isinstance(self.springs, Sequence):
             raise SceneError("springs", f"expected a list of {', '.join(FAMILIES)}, got {self.springs!r}")
+        absent = [name for name in ("young", "density", "damping_ratio", "x", "v") if getattr(self, name) is None]
         checked: dict[str, Any] = {
-            "mass": number("mass", self.mass, above=0.0),
             "springs": tuple(word("springs", family, FAMILIES) for family in self.springs),
-            "stiffness": by_family("stiffness", self.stiffness),
-            "damping": by_family("damping", self.damping),
             "self_contact": truth("self_contact", self.self_contact),
         }
+        for name in ("mass", "young", "density"):
+            if name not in absent:
+                checked[name] = number(name, getattr(self, name), above=0.0)
+        for name in ("creep", "yield_strain", "tear_strain", "damping_ratio"):
+            if name not in absent:
+                checked[name] = number(name, getattr(self, name), low=0.0)
+        for name in ("stiffness", "damping"):
+            checked[name] = by_family(name, getattr(self, name))
         for name, most in (("position", LARGEST), ("rotation", LARGEST), ("velocity", FASTEST), ("spin", LARGEST)):
             checked[name] = vector(name, getattr(self, name), most=most)
-        for name in ("creep", "yield_strain", "tear_strain"):
-            checked[name] = number(name, getattr(self, name), low=0.0)
-        if self.damping_ratio is not None:
-            checked["damping_ratio"] = number("damping_ratio", self.damping_ratio, low=0.0)
-        for name in ("young", "density"):
-            if getattr(self, name) is not None:
-                checked[name] = number(name, getattr(self, name), above=0.0)
         for name, most in (("x", LARGEST), ("v", FASTEST)):
-            if getattr(self, name) is not None:
+            if name not in absent:
                 checked[name] = vectors(name, getattr(self, name), most=most)
         return checked
 
@@ -238,12 +212,12 @@ class Jello(Checked):
         """Its points, springs and skin."""
         raise TypeError(f"{type(self).__name__} must define body()")
 
-    def beside(self, folder: Path) -> "Jello":
-        """The same jello with the files that it names looked for in `folder`."""
+    def with_files_in(self, folder: Path) -> "Jello":
+        """The same jello with the paths of its files relative to `folder` resolved."""
         return self
 
-    def seen_from(self, folder: Path) -> "Jello":
-        """The same jello with the files that it names as a scene file in `folder` is to name them."""
+    def with_files_relative_to(self, folder: Path) -> "Jello":
+        """The same jello with the paths of its files as a scene file in `folder` names them."""
         return self
 
     @property
@@ -253,20 +227,14 @@ class Jello(Checked):
 
     @property
     def takes_its_own_shape(self) -> bool:
-        """Whether its springs change one by one."""
-        lasting = self.creep > 0.0 or self.yield_strain > 0.0 or self.tear_strain > 0.0
-        return lasting or any(row.freeze for row in self.keyframe)
-
-    def coefficient(self, name: str, family: str) -> float:
-        """`stiffness` or `damping` of one family; a family missing from a table has none."""
-        value = getattr(self, name)
-        return value.get(family, 0.0) if isinstance(value, dict) else value
+        """Whether its springs change individually."""
+        return max(self.creep, self.yield_strain, self.tear_strain) > 0.0 or any(row.freeze for row in self.keyframe)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene(Checked):
-    """A whole world: gravity [m/s²], drag [1/s], headless length `seconds`, jellos, colliders and external forces.
-    Keyframes of its own, if it has any, say what gravity is."""
+    """A scene: gravity [m/s²] (keyframes of its own replace it), drag [1/s], headless length `seconds`, jellos,
+    colliders and external forces."""
 
     title: str = ""
     gravity: Vector = (0.0, -9.81, 0.0)
@@ -279,27 +247,27 @@ class Scene(Checked):
     jello: Sequence[Jello] = ()
     force: Sequence[Force] = ()
     keyframe: Sequence[GravityKeyframe] = ()
-    parts: ClassVar[dict[str, type[Checked]]] = {"keyframe": GravityKeyframe}
+    parts: ClassVar[dict[str, type[Checked]]] = {"collider": Collider, "jello": Jello, "keyframe": GravityKeyframe}
 
     def check(self) -> dict[str, Any]:
-        kinds: dict[str, type] = {"collider": Collider, "jello": Jello, "force": Force}
-        lists = {name: listed(name, getattr(self, name), kind) for name, kind in kinds.items()}
-        if not self.jello:
-            raise SceneError("jello", "expected at least one jello, the scene is empty")
-        for name, table in (("solver", Solver), ("contact", Contact), ("camera", Camera)):
+        for table in (Solver, Contact, Camera):
+            name = table.__name__.lower()
             if not isinstance(getattr(self, name), table):
                 raise SceneError(name, f"expected a {table.__name__}, got {getattr(self, name)!r}")
-        return lists | {
+        if not listed("jello", self.jello, Jello):
+            raise SceneError("jello", "expected at least one jello, the scene is empty")
+        return {
             "title": word("title", self.title),
             "gravity": vector("gravity", self.gravity),
             "drag": number("drag", self.drag, low=0.0),
             "seconds": number("seconds", self.seconds, low=0.0),
+            "force": listed("force", self.force, Force),
         }
 
 
 def override(part: Any, path: Sequence[str], value: Any, key: str = "") -> Any:
-    """A copy of `part` with the value at `path` ("jello", "0", "stiffness") replaced and everything checked again. What
-    said the same in another way is left out."""
+    """A copy of `part` with the value at `path` ("jello", "0", "stiffness") replaced and everything checked again. The
+    other field of a pair in `either` goes back to its default."""
     head, *rest = path
     key = f"{key}.{head}" if key else head
     if dataclasses.is_dataclass(part) and not isinstance(part, type):
@@ -307,20 +275,20 @@ def override(part: Any, path: Sequence[str], value: Any, key: str = "") -> Any:
         if head not in names:
             raise SceneError(key, f"unknown key, expected one of {', '.join(names)}")
         new = override(getattr(part, head), rest, value, key) if rest else value
+        pairs = [pair for pair in getattr(part, "either", ()) if head in pair]
+        defaults = {name: getattr(type(part), name) for pair in pairs for name in pair}
         try:
-            pairs = [pair for pair in getattr(part, "either", ()) if head in pair]
-            others = {name: getattr(type(part), name) for pair in pairs for name in pair}
-            return dataclasses.replace(part, **(others | {head: new}))
+            return dataclasses.replace(part, **(defaults | {head: new}))
         except SceneError as error:
-            raise error.within(key.rpartition(".")[0]) if "." in key else error from None
+            raise error.within(key.rpartition(".")[0]) from None
     if isinstance(part, tuple):
         if not head.isdigit() or int(head) >= len(part):
-            there = f"expected an index from 0 to {len(part) - 1}" if part else "the scene has none of these"
-            raise SceneError(key, there)
+            problem = f"expected an index from 0 to {len(part) - 1}" if part else "the scene has none of these"
+            raise SceneError(key, problem)
         new = override(part[int(head)], rest, value, key) if rest else value
         return (*part[: int(head)], new, *part[int(head) + 1 :])
+    if isinstance(part, float) and head in FAMILIES:  # one number for all families
+        part = dict.fromkeys(FAMILIES, part)
     if isinstance(part, dict) and not rest:
         return part | {head: value}
-    if isinstance(part, float) and head in FAMILIES and not rest:  # one number for all families
-        return dict.fromkeys(FAMILIES, part) | {head: value}
     raise SceneError(key, "unknown key")

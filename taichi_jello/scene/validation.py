@@ -1,4 +1,4 @@
-"""Values that a person gave, checked when a description is made: every mistake names its key and what was expected."""
+"""Checks of the values in a description. Every error names its key and what was expected."""
 
 from collections.abc import Container, Sequence
 from contextlib import suppress
@@ -7,51 +7,51 @@ from typing import Any, ClassVar
 import numpy as np
 
 FAMILIES = ("structural", "shear", "bend")
-LARGEST, SMALLEST = 1e12, 1e-12  # in SI units: float32 has room for what is made of numbers between these
-FASTEST = 1e7  # m/s, along an axis; what is faster is on its way to infinity
+LARGEST, SMALLEST = 1e12, 1e-12  # SI units; float32 can hold products of numbers between these
+FASTEST = 1e7  # m/s along an axis
 Vector = tuple[float, float, float]
 
 
 class SceneError(ValueError):
-    """A scene that cannot be: `key` says where, `problem` what was expected and what was found."""
+    """An invalid scene: `key` says where, `problem` what was expected and what was found."""
 
     def __init__(self, key: str, problem: str):
         super().__init__(f"{key}: {problem}" if key else problem)
         self.key, self.problem = key, problem
 
     def within(self, prefix: str) -> "SceneError":
-        """The same error seen from the table that holds it."""
-        return SceneError(f"{prefix}.{self.key}" if self.key else prefix, self.problem)
+        """The same error with its key prefixed by the table that holds it."""
+        return SceneError(".".join(filter(None, (prefix, self.key))), self.problem)
 
 
 def number(key: str, value: Any, *, low: float = -np.inf, above: float = -np.inf, most: float = LARGEST) -> float:
-    """`value` as a finite float, at least `low` and more than `above`, of a magnitude that float32 can work with."""
-    wanted = "a finite number"
+    """`value` as a finite float, at least `low`, greater than `above` and of magnitude at most `most`."""
+    expected = "expected a finite number"
     if above > -np.inf:
-        wanted += f" greater than {above:g}"
+        expected += f" greater than {above:g}"
     elif low > -np.inf:
-        wanted += f" of at least {low:g}"
+        expected += f" of at least {low:g}"
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-        raise SceneError(key, f"expected {wanted}, got {value!r}")
-    with suppress(OverflowError):  # of a whole number
+        raise SceneError(key, f"{expected}, got {value!r}")
+    with suppress(OverflowError):  # a huge integer stays one
         value = float(value)
-    told = f"{value:g}" if isinstance(value, float) else f"one of {len(str(abs(value)))} digits"
+    got = f"got {value:g}" if isinstance(value, float) else f"got one of {len(str(abs(value)))} digits"
     if value != value or abs(value) == np.inf or value < low or value <= above:
-        raise SceneError(key, f"expected {wanted}, got {told}")
+        raise SceneError(key, f"{expected}, {got}")
     if abs(value) > most:
-        raise SceneError(key, f"expected {wanted}, at most {most:g}{' either way' * (low < 0.0 > above)}, got {told}")
+        raise SceneError(key, f"{expected}, at most {most:g}{' either way' * (low < 0.0 > above)}, {got}")
     if above == 0.0 and value < SMALLEST:
-        raise SceneError(key, f"expected {wanted}, at least {SMALLEST:g}, got {told}")
+        raise SceneError(key, f"{expected}, at least {SMALLEST:g}, {got}")
     return float(value)
 
 
-def number_or_auto(key: str, value: Any, meant: str = "a number", **limits: float) -> float | str:
-    """A number as `number` checks it, or the word "auto"."""
-    if isinstance(value, str):
-        if value != "auto":
-            raise SceneError(key, f'expected "auto" or {meant}, got {value!r}')
-        return value
-    return number(key, value, **limits)
+def number_or_auto(key: str, value: Any, unit: str = "a number", **limits: float) -> float | str:
+    """A number, checked as in `number`, or the word "auto"."""
+    if not isinstance(value, str):
+        return number(key, value, **limits)
+    if value != "auto":
+        raise SceneError(key, f'expected "auto" or {unit}, got {value!r}')
+    return value
 
 
 def whole(key: str, value: Any, *, low: int) -> int:
@@ -68,7 +68,7 @@ def vector(key: str, value: Any, **limits: float) -> Vector:
 
 
 def vectors(key: str, value: Any, *, most: float = LARGEST) -> tuple[Vector, ...]:
-    """(N, 3) finite numbers of a magnitude up to `most`, as tuples."""
+    """(N, 3) finite numbers of magnitude at most `most`, as tuples."""
     try:
         array = np.array(value, float)
     except (ValueError, TypeError):
@@ -80,6 +80,14 @@ def vectors(key: str, value: Any, *, most: float = LARGEST) -> tuple[Vector, ...
     if array.size and np.abs(array).max() > most:
         raise SceneError(key, f"expected numbers of at most {most:g} either way, got {np.abs(array).max():g}")
     return tuple((x, y, z) for x, y, z in array.tolist())
+
+
+def box(low: Any, high: Any) -> dict[str, Vector]:
+    """The checked corners `min` and `max` of a box that may be flat."""
+    low, high = vector("min", low), vector("max", high)
+    if any(a > b for a, b in zip(low, high, strict=True)):
+        raise SceneError("max", f"expected at least min {list(low)} on every axis, got {list(high)}")
+    return {"min": low, "max": high}
 
 
 def word(key: str, value: Any, allowed: Sequence[str] | None = None) -> str:
@@ -96,17 +104,15 @@ def truth(key: str, value: Any) -> bool:
     return value
 
 
-def by_family(key: str, value: Any) -> Any:
-    """One number for all springs, or a table with a number for each family that is named."""
-    if isinstance(value, dict):
-        for family in value:
-            word(key, family, FAMILIES)
-        return {family: number(f"{key}.{family}", one, low=0.0) for family, one in value.items()}
-    return number(key, value, low=0.0)
+def by_family(key: str, value: Any) -> float | dict[str, float]:
+    """One number for all springs, or a table of numbers by family."""
+    if not isinstance(value, dict):
+        return number(key, value, low=0.0)
+    return {word(key, family, FAMILIES): number(f"{key}.{family}", one, low=0.0) for family, one in value.items()}
 
 
 def listed(key: str, rows: Any, kind: type) -> tuple[Any, ...]:
-    """Descriptions of one kind."""
+    """A list of descriptions of one kind, as a tuple."""
     if isinstance(rows, (str, dict)) or not isinstance(rows, Sequence):
         raise SceneError(key, f"expected a list of {kind.__name__}, got {rows!r}")
     for index, row in enumerate(rows):
@@ -116,9 +122,11 @@ def listed(key: str, rows: Any, kind: type) -> tuple[Any, ...]:
 
 
 class Checked:
-    """A frozen dataclass whose `check` returns the normalised value of its fields by name. `parts`: fields that are
-    lists of descriptions of one kind, by name; `together` checks the whole list of a kind. `either`: pairs of fields
-    that say the same in two ways, of which one may be given."""
+    """A frozen dataclass whose `check` returns the normalised values of its fields by name.
+
+    `parts`: the class of the descriptions in each field that is a list of them. `either`: pairs of fields that
+    exclude each other.
+    """
 
     parts: ClassVar[dict[str, type["Checked"]]] = {}
     either: ClassVar[tuple[tuple[str, str], ...]] = ()
@@ -127,12 +135,12 @@ class Checked:
         raise TypeError(f"{type(self).__name__} must define check()")
 
     @classmethod
-    def together(cls, key: str, rows: Sequence[Any]) -> None:
-        """Raise SceneError, below `key`, for rows of this kind that cannot stand together."""
+    def check_rows(cls, key: str, rows: Sequence[Any]) -> None:
+        """Raise SceneError, below `key`, for a list of this kind whose rows contradict each other."""
 
     @classmethod
-    def one_of_both(cls, given: Container[str]) -> None:
-        """Raise SceneError if both fields of a pair are given."""
+    def check_pairs(cls, given: Container[str]) -> None:
+        """Raise SceneError if both fields of a pair in `either` are given."""
         for one, other in cls.either:
             if one in given and other in given:
                 raise SceneError(one, f"expected either {one} or {other}, got both")
@@ -141,8 +149,8 @@ class Checked:
         for name, value in self.check().items():
             object.__setattr__(self, name, value)
         names = [name for pair in self.either for name in pair]
-        self.one_of_both([name for name in names if getattr(self, name) != getattr(type(self), name)])
+        self.check_pairs([name for name in names if getattr(self, name) != getattr(type(self), name)])
         for name, kind in self.parts.items():
             rows = listed(name, getattr(self, name), kind)
-            kind.together(name, rows)
+            kind.check_rows(name, rows)
             object.__setattr__(self, name, rows)

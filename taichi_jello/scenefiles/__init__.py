@@ -10,6 +10,11 @@ from taichi_jello.scene.description import Scene, SceneError
 from taichi_jello.support.plugins import modules
 
 
+def formats() -> dict[str, ModuleType]:
+    """The modules that read scenes, by file suffix."""
+    return {module.SUFFIX: module for module in modules(sys.modules[__name__])}
+
+
 def demos() -> dict[str, Path]:
     """The demos by name: in the installed package, or beside it in a checkout."""
     package = Path(__file__).parent.parent
@@ -19,7 +24,7 @@ def demos() -> dict[str, Path]:
 
 
 def describe(path: Path) -> str:
-    """A demo's own one-line description: its docstring or its first comment."""
+    """The one-line description of a demo: its docstring or its first comment."""
     text = path.read_text(encoding="utf-8-sig")
     if path.suffix == ".py":
         return (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
@@ -27,7 +32,7 @@ def describe(path: Path) -> str:
 
 
 def load(name: str) -> Scene:
-    """The scene called `name`: a demo, or a file of a known format. Files that it names are looked for beside it.
+    """Load a demo or a scene file by name. Paths in the file are relative to it.
 
     Raises SceneError naming the file, the key and what was expected.
     """
@@ -42,20 +47,20 @@ def load(name: str) -> Scene:
         raise located(str(path), error) from error
     except OSError as error:
         raise SceneError(str(path), f"cannot be read: {error.strerror}") from None
-    return replace(scene, jello=[jello.beside(path.parent.resolve()) for jello in scene.jello])
+    return replace(scene, jello=[jello.with_files_in(path.parent.resolve()) for jello in scene.jello])
 
 
 def save(scene: Scene, name: str) -> None:
-    """Write the scene to a file, in the format that its ending names. Files that the scene names are written as seen
-    from beside it.
+    """Write the scene to a file, in the format of its suffix, with paths relative to it.
 
-    Raises SceneError naming the file, and the key of what the format cannot hold."""
+    Raises SceneError naming the file, and the key of a value that the format cannot hold."""
     path = Path(name)
-    able = {suffix: module for suffix, module in formats().items() if hasattr(module, "save")}
-    if path.suffix not in able:
-        raise SceneError(name, f"expected a file ending in {', '.join(able)}")
+    writable = {suffix: module for suffix, module in formats().items() if hasattr(module, "save")}
+    if path.suffix not in writable:
+        raise SceneError(name, f"expected a file ending in {', '.join(writable)}")
+    moved = replace(scene, jello=[jello.with_files_relative_to(path.parent) for jello in scene.jello])
     try:
-        able[path.suffix].save(replace(scene, jello=[jello.seen_from(path.parent) for jello in scene.jello]), path)
+        writable[path.suffix].save(moved, path)
     except SceneError as error:
         raise SceneError(name, str(error)) from None
     except OSError as error:
@@ -63,19 +68,13 @@ def save(scene: Scene, name: str) -> None:
 
 
 def located(name: str, error: SceneError) -> SceneError:
-    """A mistake in the scene called `name`, with the line of its key where the format can tell it."""
+    """The error with the scene's name and, if the format knows it, the line of its key."""
     path = _path(name)
     line_of = getattr(formats().get(path.suffix), "line_of", None)
     line = line_of(path.read_text(encoding="utf-8-sig"), error.key) if line_of and error.key else None
     return SceneError(name, str(error) if line is None else f"line {line}: {error}")
 
 
-def formats() -> dict[str, ModuleType]:
-    """The modules that read scenes, by the ending of their files."""
-    return {module.SUFFIX: module for module in modules(sys.modules[__name__])}
-
-
 def _path(name: str) -> Path:
-    """The file of a scene: a demo's, or the one of that name."""
     path = Path(name)
     return demos()[name] if path.suffix not in formats() and name in demos() else path

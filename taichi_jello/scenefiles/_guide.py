@@ -8,50 +8,46 @@ from typing import Any
 from taichi_jello.scene.description import Camera, Collider, Contact, Force, Jello, Pin, Scene, Solver
 from taichi_jello.scene.keyframes import GravityKeyframe, Keyframe, Move
 from taichi_jello.scene.region import Region
-from taichi_jello.scenefiles._table import kinds
+from taichi_jello.scenefiles._table import CHOICES, kinds
 
 
-def tables() -> Iterator[tuple[str, type, type]]:
-    """The heading of each table, its class, and the class whose keys are told elsewhere."""
-    yield "the scene itself", Scene, object
+def tables() -> Iterator[tuple[str, Any, Any]]:
+    """The heading of each table, its class, and a base class whose keys have a table of their own."""
+    yield "the scene itself", Scene, None
     for name, table in (("solver", Solver), ("contact", Contact), ("camera", Camera)):
-        yield f"[{name}]", table, object
-    yield "[[keyframe]]", GravityKeyframe, object
-    for name, base, choice in (("jello", Jello, "shape"), ("collider", Collider, "type")):
-        yield f"[[{name}]], whatever its `{choice}`", base, object
-        for word, kind in kinds(base, choice).items():
-            yield f'[[{name}]] with {choice} = "{word}"', kind, base
+        yield f"[{name}]", table, None
+    yield "[[keyframe]]", GravityKeyframe, None
+    for name, base in (("jello", Jello), ("collider", Collider)):
+        yield f"[[{name}]], whatever its `{CHOICES[base]}`", base, None
+        for word, kind in kinds(base).items():
+            yield f'[[{name}]] with {CHOICES[base]} = "{word}"', kind, base
     for name, part in (("pin", Pin), ("region", Region), ("keyframe", Keyframe)):
-        yield f"[[jello.{name}]]", part, object
-    yield "[[jello.pin.keyframe]] and [[collider.keyframe]]", Move, object
-    for word, kind in kinds(Force, "key").items():
+        yield f"[[jello.{name}]]", part, None
+    yield "[[jello.pin.keyframe]] and [[collider.keyframe]]", Move, None
+    for word, kind in kinds(Force).items():
         yield f"[{word}]", kind, Force
 
 
-def default(key: Field[Any], kind: type) -> str:
-    """What a key is where it is not given."""
-    value = getattr(kind, key.name, None) if key.default is MISSING else key.default
-    if key.default is MISSING and key.default_factory is MISSING:
-        return "needed"
+def default(key: Field[Any]) -> str:
+    """The default of a key, in words."""
     if key.default is MISSING:
-        return "see below"
-    if value in ((), None):
+        return "required" if key.default_factory is MISSING else "see below"
+    if key.default in ((), None):
         return "none"
-    if isinstance(value, tuple):
-        return f"`{list(value)}`".replace("'", '"')
-    if isinstance(value, float):
-        return f"`{value:.6g}`"
-    return f'`"{value}"`' if isinstance(value, str) else f"`{str(value).lower()}`"
+    if isinstance(key.default, tuple):
+        return f"`{list(key.default)}`".replace("'", '"')
+    if isinstance(key.default, float):
+        return f"`{key.default:.6g}`"
+    return f'`"{key.default}"`' if isinstance(key.default, str) else f"`{str(key.default).lower()}`"
 
 
 def text() -> str:
     parts = []
-    for heading, kind, told in tables():
-        known = {key.name for key in fields(told)} if told is not object else set()
-        keys = [key for key in fields(kind) if key.name not in known]
-        words = re.sub(r"\s+", " ", (kind.__doc__ or "").strip())
-        rows = [f"| `{key.name}` | {default(key, kind)} |" for key in keys]
+    for heading, kind, base in tables():
+        elsewhere = {key.name for key in fields(base)} if base else set()
+        rows = [f"| `{key.name}` | {default(key)} |" for key in fields(kind) if key.name not in elsewhere]
         table = ["", "| key | default |", "|---|---|", *rows] if rows else []
+        words = re.sub(r"\s+", " ", (kind.__doc__ or "").strip())
         parts.append("\n".join([f"**{heading}**. {words}", *table, ""]))
     return "\n".join(parts)
 

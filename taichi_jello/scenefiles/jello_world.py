@@ -1,14 +1,15 @@
 """Classic Jello Cube world files (.w): a cube of 8×8×8 points of 1 m between the walls x, y, z = ±2 m.
 
-A file has, one group a line and no empty lines: the integrator (Euler or RK4); dt [s] and n, every n-th step being
-shown; kElastic dElastic kCollision dCollision [N/m, N·s/m]; the mass of one point [kg]; 0, or 1 and then the inclined
-plane's a b c d (ax + by + cz + d = 0, the cube starting on the side that it stays on); the force field's resolution r
-and, unless that is 0, r³ forces on a point [N] at the nodes of a grid over the room, z running fastest, then y; 512
-positions [m] and 512 velocities [m/s] in the same order. All springs share the elastic coefficients, walls and plane
-those of collision, without friction; there is no gravity but in the force field. Coordinates stay as they are in the
-file, where z is often meant to point up, so that runs can be compared number by number.
+One group a line, no empty lines: the integrator (Euler or RK4); dt [s] and n, the steps between shown ones; kElastic
+dElastic kCollision dCollision [N/m, N·s/m]; the mass of one point [kg]; 0, or 1 and then the inclined plane's a b c d
+(ax + by + cz + d = 0, the cube starts on its free side); the force field's resolution r and, unless that is 0, r³
+forces on a point [N] at the nodes of a grid over the room, z fastest, then y; 512 positions [m] and 512 velocities
+[m/s] in the same order. All springs share the elastic coefficients, walls and plane those of collision, without
+friction; the only gravity is in the force field. Coordinates stay as they are in the file, where z often points up, so
+that numbers can be compared.
 """
 
+from collections.abc import Container
 from math import isfinite
 from pathlib import Path
 
@@ -22,19 +23,19 @@ from taichi_jello.scene.validation import SceneError
 from taichi_jello.shapes.lattice import Box
 
 SUFFIX = ".w"
-METHODS = {"euler": "euler", "rk4": "rk4"}
+METHODS = ("euler", "rk4")
 POINTS = 8
-FINEST = 256  # nodes along an edge of a force field; beyond it the number is taken for a mistake
+MAX_RESOLUTION = 256  # nodes along an edge of a force field
 
 
 class Lines:
-    """The lines of a file, read one after the other."""
+    """The lines of a file, read in order."""
 
     def __init__(self, text: str):
         self.rows, self.at = text.rstrip().splitlines(), 0
 
     def problem(self, expected: str) -> SceneError:
-        """What is wrong with the line read last."""
+        """The error for the line read last."""
         got = repr(self.rows[self.at - 1][:60]) if self.at <= len(self.rows) else "the end of the file"
         return SceneError(f"line {self.at}", f"expected {expected}, got {got}")
 
@@ -52,7 +53,7 @@ class Lines:
             raise self.problem(expected)
         return found
 
-    def whole(self, expected: str, allowed: range) -> int:
+    def whole(self, expected: str, allowed: Container[float]) -> int:
         value = self.numbers(1, expected)[0]
         if value not in allowed:
             raise self.problem(expected)
@@ -68,8 +69,8 @@ def load(path: Path) -> Scene:
         lines = Lines(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError:
         raise SceneError("", "expected text, a Jello Cube world file") from None
-    method = METHODS.get(lines.next().lower())
-    if method is None:
+    method = lines.next().lower()
+    if method not in METHODS:
         raise lines.problem("an integrator, Euler or RK4")
     dt, every = lines.numbers(2, "the time step in seconds, greater than 0, and every how many steps are shown", 1e-12)
     if every % 1.0 or every < 1.0:
@@ -81,9 +82,8 @@ def load(path: Path) -> Scene:
     plane = lines.numbers(4, "four numbers a b c d of the inclined plane") if has_plane else []
     if has_plane and not any(plane[:3]):
         raise lines.problem("an inclined plane a b c d with a direction a b c other than 0 0 0")
-    resolution = lines.whole(f"the force field's resolution, 0 or 2 to {FINEST}", range(FINEST + 1))
-    if resolution == 1:
-        raise lines.problem(f"the force field's resolution, 0 or 2 to {FINEST}")
+    allowed = {0, *range(2, MAX_RESOLUTION + 1)}
+    resolution = lines.whole(f"the force field's resolution, 0 or 2 to {MAX_RESOLUTION}", allowed)
     field = lines.vectors(resolution**3, "force")
     x, v = (lines.vectors(POINTS**3, of) for of in ("position", "velocity"))
     if lines.at < len(lines.rows):
@@ -92,20 +92,17 @@ def load(path: Path) -> Scene:
 
     low, high = (-2.0, -2.0, -2.0), (2.0, 2.0, 2.0)
     collider: list[Collider] = [Room(min=low, max=high)]
+    if has_plane:  # facing the side on which the cube starts
+        normal = np.array(plane[:3])
+        point = -plane[3] * normal / (normal @ normal)
+        facing = normal if normal @ x.mean(0) + plane[3] >= 0.0 else -normal
+        collider.append(Plane(point=tuple(point.tolist()), normal=tuple(facing.tolist())))
     return Scene(
         title=path.stem,
         gravity=(0.0, 0.0, 0.0),
         solver=Solver(method=method, dt=dt, frame_dt=dt * every),
         contact=Contact(stiffness=contact_stiffness, damping=contact_damping, friction=0.0),
-        collider=collider + ([_inclined(plane, x.mean(0))] if has_plane else []),
+        collider=collider,
         force=[GridField(values=field.reshape(*[resolution] * 3, 3), min=low, max=high)] if field.any() else [],
         jello=[Box(points=(POINTS,) * 3, mass=mass * POINTS**3, stiffness=stiffness, damping=damping, x=x, v=v)],
     )
-
-
-def _inclined(plane: list[float], start: np.ndarray) -> Plane:
-    """The plane, facing the side on which `start` (3,) [m] lies."""
-    normal = np.array(plane[:3])
-    point = -plane[3] * normal / (normal @ normal)
-    facing = normal if normal @ start + plane[3] >= 0.0 else -normal
-    return Plane(point=tuple(point.tolist()), normal=tuple(facing.tolist()))

@@ -10,7 +10,7 @@ SUFFIX = ".py"
 
 
 def _place(path: Path, error: BaseException) -> str:
-    """The last line of the file itself that an error came through."""
+    """The last line of the file in an error's traceback."""
     lines = [line for frame, line in traceback.walk_tb(error.__traceback__) if frame.f_code.co_filename == str(path)]
     if isinstance(error, SyntaxError) and error.filename == str(path):
         lines.append(error.lineno or 1)
@@ -26,8 +26,8 @@ def load(path: Path) -> Scene:
     except SceneError as error:
         raise SceneError("", f"{_place(path, error)}{error}") from error
     except (Exception, SystemExit) as error:
-        told = str(error).partition("\n")[0]
-        raise SceneError("", f"{_place(path, error)}it fails with {type(error).__name__}: {told}") from error
+        problem = f"it fails with {type(error).__name__}: {str(error).partition(chr(10))[0]}"
+        raise SceneError("", f"{_place(path, error)}{problem}") from error
     if not isinstance(made, Scene):
         raise SceneError("scene", f"expected scene() to return a Scene, got {made!r}")
     return made

@@ -1,8 +1,8 @@
-"""Scenes written in TOML, read and written."""
+"""Scenes in TOML, read and written."""
 
 import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
@@ -12,15 +12,15 @@ import numpy as np
 from taichi_jello.scene.description import Collider, Jello, Scene
 from taichi_jello.scene.validation import Checked, SceneError
 from taichi_jello.scenefiles._lines import line_of as line_of
-from taichi_jello.scenefiles._table import kinds, scene_from
+from taichi_jello.scenefiles._table import CHOICES, kinds, scene_from
 
 SUFFIX = ".toml"
-WIDE = 110  # columns that an array may take on one line
+WIDTH = 110  # columns of an array on one line
 
 
 def load(path: Path) -> Scene:
     try:
-        text = path.read_text(encoding="utf-8-sig")  # Windows' Notepad marks the order of bytes
+        text = path.read_text(encoding="utf-8-sig")  # Windows' Notepad adds a byte order mark
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SceneError("", f"not valid TOML: {error}") from None
@@ -30,50 +30,44 @@ def load(path: Path) -> Scene:
 
 
 def dump(scene: Scene) -> str:
-    """The scene as TOML that `load` reads back the same; what is as by default is left out.
+    """The scene as TOML that `load` reads back unchanged, without default values.
 
-    Raises SceneError, naming the key, for what TOML cannot hold: functions, and classes that no file can name."""
-    own = _table("", scene, without=("jello", "collider", "force"))
-    for index, force in enumerate(scene.force):
-        rows = own.setdefault(force.key, [])
-        rows.append(_table(f"force.{index}", force))
-    own |= {key: rows[0] for key, rows in own.items() if key in {f.key for f in scene.force} and len(rows) == 1}
-    for name, base, choice in (("collider", Collider, "type"), ("jello", Jello, "shape")):
-        parts = getattr(scene, name)
-        if parts:
-            own[name] = [_chosen(f"{name}.{i}", part, base, choice) for i, part in enumerate(parts)]
-    return "\n".join(_lines(own, "")) + "\n"
+    Raises SceneError, naming the key, for functions and for classes without a name in files."""
+    table = _table("", scene)
+    for force, values in zip(scene.force, table.pop("force", []), strict=True):
+        table.setdefault(force.key, []).append(values)
+    for key in {force.key for force in scene.force}:
+        table[key] = table[key][0] if len(table[key]) == 1 else table[key]
+    for name in ("collider", "jello"):  # last
+        if name in table:
+            table[name] = table.pop(name)
+    return "\n".join(_lines(table, "")) + "\n"
 
 
 def save(scene: Scene, path: Path) -> None:
-    """Write the scene as TOML; raises SceneError as `dump` does, OSError if the file cannot be written."""
+    """Write the scene as TOML. Raises SceneError as `dump` does, OSError if the file cannot be written."""
     path.write_text(dump(scene), encoding="utf-8")
 
 
-def _chosen(key: str, part: Any, base: type, choice: str) -> dict[str, Any]:
-    known = kinds(base, choice)
-    name = getattr(part, choice, "")
-    if known.get(name) is not type(part):
-        raise SceneError(key, f"expected one of {', '.join(known)} to write, got a {type(part).__name__}")
-    return {choice: name} | _table(key, part)
-
-
-def _table(key: str, part: Any, without: Sequence[str] = ()) -> dict[str, Any]:
-    """The fields of a description that are not as by default, as TOML's kinds of values."""
-    table = {}
+def _table(key: str, part: Any) -> dict[str, Any]:
+    """The fields of a description that differ from their defaults, as TOML values."""
+    table: dict[str, Any] = {}
+    for base in (Collider, Jello):
+        if isinstance(part, base):
+            choice, known = CHOICES[base], kinds(base)
+            table[choice] = getattr(part, choice, "")
+            if known.get(table[choice]) is not type(part):
+                raise SceneError(key, f"expected one of {', '.join(known)} to write, got a {type(part).__name__}")
     for each in fields(part):
         value = getattr(part, each.name)
         default = each.default_factory() if each.default_factory is not MISSING else each.default
-        if each.name in without or _same(value, default):
-            continue
-        table[each.name] = _value(f"{key}.{each.name}".lstrip("."), value)
+        if not _same(value, default):
+            table[each.name] = _value(f"{key}.{each.name}".lstrip("."), value)
     return table
 
 
 def _same(a: Any, b: Any) -> bool:
-    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
-        return isinstance(a, np.ndarray) and isinstance(b, np.ndarray) and np.array_equal(a, b)
-    return type(a) is type(b) and bool(a == b)
+    return type(a) is type(b) and (np.array_equal(a, b) if isinstance(a, np.ndarray) else bool(a == b))
 
 
 def _value(key: str, value: Any) -> Any:
@@ -106,7 +100,7 @@ def _lines(table: dict[str, Any], path: str) -> list[str]:
 
 
 def _text(value: Any) -> str:
-    """One value; arrays that are too wide for a line have a line for each element."""
+    """One value; arrays too wide for a line get one line per element."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -116,5 +110,5 @@ def _text(value: Any) -> str:
     if isinstance(value, list):
         parts = [_text(one) for one in value]
         flat = f"[{', '.join(parts)}]"
-        return flat if len(flat) <= WIDE else "[\n" + "".join(f"{part},\n" for part in parts) + "]"
+        return flat if len(flat) <= WIDTH else "[\n" + "".join(f"{part},\n" for part in parts) + "]"
     return repr(value)

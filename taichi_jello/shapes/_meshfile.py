@@ -1,4 +1,4 @@
-"""Surface meshes from files, by trimesh: read, looked at for what cannot be, welded."""
+"""Surface meshes from files, read with trimesh, checked and welded."""
 
 import warnings
 from pathlib import Path
@@ -9,17 +9,17 @@ import numpy as np
 from taichi_jello.scene.validation import SceneError
 
 SUFFIXES = (".obj", ".stl", ".ply", ".glb")
-MOST = 2_000_000  # triangles: beyond it a mesh takes longer to read than it could show
-WELD = 1e-6  # of the mesh's size: points nearer than this are one
+MAX_TRIANGLES = 2_000_000
+WELD = 1e-6  # of the mesh's size: closer points are merged
 INSTALL = "pip install 'taichi_jello[mesh]'"
 
 
 class MeshWarning(UserWarning):
-    """A mesh that is not what it should be, but can be used."""
+    """A mesh with flaws that can still be used."""
 
 
 def read(file: str) -> tuple[np.ndarray, np.ndarray]:
-    """Points (V, 3) and triangles (T, 3) of a mesh file; points at the same place are one.
+    """Welded points (V, 3) and triangles (T, 3) of a mesh file.
 
     Raises SceneError naming the file and what was expected.
     """
@@ -40,23 +40,25 @@ def read(file: str) -> tuple[np.ndarray, np.ndarray]:
         points, triangles = np.array(loaded.vertices, float), np.array(loaded.faces, np.int64)
     except OSError as error:
         raise SceneError("file", f"{file}: cannot be read: {error.strerror}") from None
-    except Exception as error:  # whatever a parser stumbles over
-        known = not isinstance(error, ImportError)  # trimesh asks for more packages where it does not know a text
-        reason = f" ({(str(error).splitlines() or [type(error).__name__])[0]})" if known else ""
-        if isinstance(error, IndexError):
+    except Exception as error:  # a parser may raise anything
+        reason = f" ({(str(error).splitlines() or [type(error).__name__])[0]})"
+        if isinstance(error, ImportError):  # trimesh asks for more packages if it does not recognise a text
+            reason = ""
+        elif isinstance(error, IndexError):
             reason = " (a triangle has a point that is not there)"
-        told = f"expected a mesh in {kind.upper()} format, it is cut short or of another kind{reason}"
-        raise SceneError("file", f"{file}: {told}") from None
-    return checked(file, points, triangles)
+        problem = f"expected a mesh in {kind.upper()} format, it is cut short or of another kind{reason}"
+        raise SceneError("file", f"{file}: {problem}") from None
+    return weld(file, points, triangles)
 
 
-def checked(file: str, points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The mesh welded, without triangles of no area. Raises SceneError for one that is nothing, not finite or too
+def weld(file: str, points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The mesh without duplicate points and degenerate triangles. Raises SceneError if it is empty, not finite or too
     large."""
     if not len(triangles) or not len(points):
         raise SceneError("file", f"{file}: expected a mesh of triangles, it has none")
-    if len(triangles) > MOST:
-        raise SceneError("file", f"{file}: expected at most {MOST:,} triangles, got {len(triangles):,}; simplify it")
+    if len(triangles) > MAX_TRIANGLES:
+        problem = f"expected at most {MAX_TRIANGLES:,} triangles, got {len(triangles):,}; simplify it"
+        raise SceneError("file", f"{file}: {problem}")
     if triangles.min() < 0 or triangles.max() >= len(points):
         raise SceneError("file", f"{file}: expected triangles over its {len(points)} points, got {triangles.max()}")
     used = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(points)))
@@ -67,7 +69,7 @@ def checked(file: str, points: np.ndarray, triangles: np.ndarray) -> tuple[np.nd
     if extent == 0.0:
         raise SceneError("file", f"{file}: expected a mesh with a size, all its points are in one place")
     places = np.round((points[used] - points[used].min(0)) / (WELD * extent)).astype(np.int64)
-    x, y, z = places.T  # up to 1 / WELD: 20 bits each
+    x, y, z = places.T  # at most 1 / WELD: 20 bits each
     _, first, which = np.unique(x << 40 | y << 20 | z, return_index=True, return_inverse=True)
     renamed = np.zeros(len(points), np.int64)
     renamed[used] = which
@@ -77,11 +79,9 @@ def checked(file: str, points: np.ndarray, triangles: np.ndarray) -> tuple[np.nd
 
 
 def flaws(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int]:
-    """How many edges have one triangle only, and how many are passed twice the same way by triangles that do not all
-    face one side."""
+    """The number of open edges (with one triangle) and of edges that two triangles run through in the same direction:
+    these face different sides."""
     ways = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     forth, back = ways[:, 0] * len(points) + ways[:, 1], ways[:, 1] * len(points) + ways[:, 0]
     key, count = np.unique(forth, return_counts=True)
-    back.sort()
-    met = back[np.minimum(np.searchsorted(back, key), len(back) - 1)] == key
-    return int(np.count_nonzero(~met & (count == 1))), int(np.count_nonzero(count > 1))
+    return int(np.count_nonzero(~np.isin(key, back) & (count == 1))), int(np.count_nonzero(count > 1))

@@ -8,11 +8,9 @@ from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Jello
 from taichi_jello.shapes.lattice import body_of, corners, hexahedra
 
-# A particle has at least this share of a whole cell's mass: a corner of a cell that is hardly filled would swing so
-# fast that it alone decided the step.
-LEAST = 0.5
-FINE = 0.6  # of a cell: edges of a skin are at most about so long, so that it bends with its cells
-CORNERS = np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)])
+MIN_SHARE = 0.5  # of a whole cell's mass at each particle: a lighter one would dictate the step
+MAX_EDGE = 0.6  # of a cell: how long edges of a skin may be, so that it bends with its cells
+CORNERS = np.array(list(np.ndindex(2, 2, 2)))
 
 
 def skinned_body(
@@ -24,11 +22,11 @@ def skinned_body(
     spacing: float,
     inside: np.ndarray,
 ) -> Body:
-    """The Body of a jello whose filled cells, `spacing` [m] wide, hold the skin: `triangles` (T, 3) over `points`
-    (V, 3).
+    """The Body of a jello with a skin, `triangles` (T, 3) over `points` (V, 3) [m], embedded in the cells `filled`
+    (n, m, l), `spacing` [m] wide.
 
-    The points [m] are relative to the middle of the grid filled (n, m, l); fraction (n, m, l) of each cell is inside
-    the skin; inside (n+1, m+1, l+1) bool: whether the grid's points are.
+    The points are relative to the middle of the grid; fraction (n, m, l) of each cell is inside the skin; inside
+    (n+1, m+1, l+1) bool: whether each grid point is.
     """
     index = corners(filled)
     body = body_of(jello, index, np.full(3, spacing), filled, mass_shares(index, filled * fraction))
@@ -44,18 +42,18 @@ def skinned_body(
 
 
 def mass_shares(index: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-    """(N,) shares of the mass: an eighth of what is filled of the cells around each particle, but see LEAST."""
+    """(N,) shares of the mass: each cell gives an eighth of its filled fraction to each corner; see MIN_SHARE."""
     volume = np.zeros(index.shape)
     for corner in CORNERS:
         place = tuple(slice(a, a + n) for a, n in zip(corner, fraction.shape, strict=True))
         volume[place] += fraction / 8.0
-    volume = np.maximum(volume[index >= 0], LEAST)
+    volume = np.maximum(volume[index >= 0], MIN_SHARE)
     return volume / volume.sum()
 
 
 def embed(places: np.ndarray, filled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The filled cell (V, 3) that holds each place (V, 3), counted in cells, and the trilinear weights (V, 8) of its
-    corners. A place that rounding puts into an empty cell, or outside, is moved to the nearest filled one."""
+    """The filled cell (V, 3) around each place (V, 3), in units of cells, and the trilinear weights (V, 8) of its
+    corners. A place that rounding puts into an empty cell, or outside, moves to the nearest filled one."""
     cell = np.clip(np.floor(places).astype(int), 0, np.array(filled.shape) - 1)
     astray = np.flatnonzero(~filled[tuple(cell.T)])
     if len(astray):
@@ -70,7 +68,7 @@ def embed(places: np.ndarray, filled: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def parts(filled: np.ndarray) -> list[int]:
-    """How many cells each part has that hangs together by the corners of its cells, the largest first."""
+    """The numbers of cells of the connected components (by shared corners), the largest first."""
     cells = hexahedra(corners(filled), filled)
     label = np.arange(cells.max() + 1)
     while True:
@@ -83,8 +81,8 @@ def parts(filled: np.ndarray) -> list[int]:
 
 
 def split_edges(points: np.ndarray, triangles: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
-    """The mesh with every edge longer than `longest` [m] cut in halves, and again, until none is left. Both triangles
-    at an edge are cut at the same new point, so that nothing gapes when the points move."""
+    """The mesh with every edge longer than `longest` [m] halved until none is left. Both triangles at an edge share the
+    new point, so no gap opens when points move."""
     while True:
         edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
         key, which = np.unique(edges[:, 0].astype(np.int64) * len(points) + edges[:, 1], return_inverse=True)
@@ -98,10 +96,10 @@ def split_edges(points: np.ndarray, triangles: np.ndarray, longest: float) -> tu
 
 
 def _cut(triangles: np.ndarray, middle: np.ndarray) -> list[np.ndarray]:
-    """Each triangle in one to four, by which of its edges 01, 12, 20 has a middle; -1 where there is none."""
+    """Each triangle in one to four, by the midpoints of its edges 01, 12, 20; -1 where there is none."""
     count = (middle >= 0).sum(1)
     done = [triangles[count == 0]]
-    for turn in range(3):  # so that the cut edge, or the uncut one, is the first
+    for turn in range(3):  # the cut edge, or the uncut one, comes first
         (a, b, c), (ab, bc, ca) = np.roll(triangles, -turn, 1).T, np.roll(middle, -turn, 1).T
         one = (count == 1) & (ab >= 0)
         done += [np.stack([a, ab, c], 1)[one], np.stack([ab, b, c], 1)[one]]

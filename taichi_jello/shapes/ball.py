@@ -1,4 +1,4 @@
-"""A ball: a round skin in the lattice cells that it passes through and encloses."""
+"""A ball: a sphere embedded in the lattice cells that it passes through and encloses."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -6,15 +6,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from taichi_jello.scene.body import Body
-from taichi_jello.scene.description import Jello, SceneError, number, whole
-from taichi_jello.shapes._skin import FINE, skinned_body, split_edges
-from taichi_jello.shapes.lattice import LARGEST
+from taichi_jello.scene.description import Jello
+from taichi_jello.scene.validation import SceneError, number, whole
+from taichi_jello.shapes._skin import MAX_EDGE, skinned_body, split_edges
+from taichi_jello.shapes.lattice import MAX_PARTICLES
 
-SAMPLES = 4  # of a cell along each axis, to see how much of it is filled
+SAMPLES = 4  # of a cell along each axis, to find the fraction of it that is inside
 
 
 def icosahedron() -> tuple[np.ndarray, np.ndarray]:
-    """Its points (12, 3), a unit from the middle, and its outward triangles (20, 3)."""
+    """Its points (12, 3) on the unit sphere and its outward triangles (20, 3)."""
     g = (1.0 + np.sqrt(5.0)) / 2.0
     points = np.array([np.roll([0.0, a, b * g], turn) for turn in range(3) for a in (-1, 1) for b in (-1, 1)])
     found = [(i, j, k) for i in range(12) for j in range(i) for k in range(j)]
@@ -24,7 +25,7 @@ def icosahedron() -> tuple[np.ndarray, np.ndarray]:
 
 
 def sphere(longest: float) -> tuple[np.ndarray, np.ndarray]:
-    """A mesh of the unit sphere with edges of about `longest`: an icosahedron, cut finer and finer."""
+    """A mesh of the unit sphere with edges of about `longest`: a subdivided icosahedron."""
     points, triangles = icosahedron()
     edge = 1.06
     while edge > longest:
@@ -36,7 +37,7 @@ def sphere(longest: float) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, kw_only=True)
 class Ball(Jello):
-    """A ball of `radius` [m] with `resolution` cells of the lattice across it."""
+    """A ball of `radius` [m], `resolution` lattice cells across."""
 
     shape: ClassVar[str] = "ball"
     radius: float = 0.5
@@ -44,13 +45,13 @@ class Ball(Jello):
 
     def check(self) -> dict[str, Any]:
         resolution = whole("resolution", self.resolution, low=2)
-        if (resolution + 1) ** 3 > LARGEST:
-            raise SceneError("resolution", f"expected at most {round(LARGEST ** (1 / 3)) - 1}, got {resolution}")
+        if (resolution + 1) ** 3 > MAX_PARTICLES:
+            raise SceneError("resolution", f"expected at most {round(MAX_PARTICLES ** (1 / 3)) - 1}, got {resolution}")
         return super().check() | {"radius": number("radius", self.radius, above=0.0), "resolution": resolution}
 
     def skin(self) -> tuple[np.ndarray, np.ndarray]:
         """A mesh of the unit sphere, fine enough for its cells."""
-        return sphere(FINE * 2.0 / self.resolution)
+        return sphere(MAX_EDGE * 2.0 / self.resolution)
 
     def body(self) -> Body:
         n, r = self.resolution, self.radius
@@ -58,7 +59,7 @@ class Ball(Jello):
         inside = (fine[:, None, None] ** 2 + fine[:, None] ** 2 + fine**2) <= 1.0
         fraction = inside.reshape(n, SAMPLES, n, SAMPLES, n, SAMPLES).mean((1, 3, 5))
         line = np.linspace(-1.0, 1.0, n + 1)
-        nearest = np.maximum(np.maximum(line[:-1], -line[1:]), 0.0) ** 2  # of each cell to the middle
+        nearest = np.maximum(np.maximum(line[:-1], -line[1:]), 0.0) ** 2  # squared distances of cells to the middle
         filled = nearest[:, None, None] + nearest[:, None] + nearest < 1.0 - 1e-9
         within = line[:, None, None] ** 2 + line[:, None] ** 2 + line**2 <= 1.0
         points, triangles = self.skin()

@@ -7,11 +7,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from taichi_jello.scene.body import Body
-from taichi_jello.scene.description import FAMILIES, Jello, SceneError, Vector, vector, whole
+from taichi_jello.scene.description import Jello
+from taichi_jello.scene.region import places
+from taichi_jello.scene.validation import FAMILIES, SceneError, Vector, vector, whole
 
-LARGEST = 4_000_000  # particles; beyond it a scene is taken for a mistyped one
+MAX_PARTICLES = 4_000_000
 
-# One offset of each opposite pair, so that every spring is made once (workshop, "interconnected springs").
+# One offset of each opposite pair, so each spring is made once (workshop, "interconnected springs").
 OFFSETS = {
     "structural": [(1, 0, 0), (0, 1, 0), (0, 0, 1)],
     "shear": [(1, 1, 0), (1, -1, 0), (1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1)]
@@ -22,7 +24,7 @@ QUAD = np.array([[0, 1, 3], [0, 3, 2]])
 
 
 def ends(shape: tuple[int, ...], offset: tuple[int, ...]) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """Where in a grid of this shape the points with a neighbour `offset` away are, and where these neighbours."""
+    """Slices of a grid of this shape: its points with a neighbour `offset` away, and these neighbours."""
     near = tuple(slice(max(0, -o), max(0, n - max(0, o))) for o, n in zip(offset, shape, strict=True))
     far = tuple(slice(max(0, o), max(0, n - max(0, -o))) for o, n in zip(offset, shape, strict=True))
     return near, far
@@ -31,7 +33,7 @@ def ends(shape: tuple[int, ...], offset: tuple[int, ...]) -> tuple[tuple[slice, 
 def connect(index: np.ndarray, offset: tuple[int, int, int], filled: np.ndarray | None = None) -> np.ndarray:
     """(S, 2) pairs of neighbours `offset` apart in the grid `index` (n, m, l).
 
-    filled (n-1, m-1, l-1) bool: only pairs that one filled cell holds; two steps apart: that two cells in a row do.
+    filled (n-1, m-1, l-1) bool: only pairs in one filled cell or, two steps apart, in two filled cells in a row.
     """
     near, far = ends(index.shape, offset)
     pairs = np.stack([index[near].ravel(), index[far].ravel()], 1).astype(np.int32)
@@ -46,7 +48,7 @@ def connect(index: np.ndarray, offset: tuple[int, int, int], filled: np.ndarray 
 
 
 def _joined(filled: np.ndarray, offset: tuple[int, int, int]) -> np.ndarray:
-    """Whether a filled cell holds both ends, for each pair of neighbours `offset` apart."""
+    """For each pair of neighbours `offset` apart, whether both are corners of one filled cell."""
     around = np.pad(filled, 1)  # cell c lies between the points c and c + 1, here at c + 1
     n = np.array(filled.shape) + 1 - np.abs(offset)
     held = np.zeros(n, bool)
@@ -57,7 +59,7 @@ def _joined(filled: np.ndarray, offset: tuple[int, int, int]) -> np.ndarray:
 
 
 def corners(filled: np.ndarray) -> np.ndarray:
-    """The grid `index` of the points of the filled cells, -1 elsewhere, numbered with the last axis fastest."""
+    """Particle indices (n, m, l) of the corners of the filled cells, the last axis fastest; -1 elsewhere."""
     used = np.zeros(np.array(filled.shape) + 1, bool)
     for side in np.ndindex(2, 2, 2):
         used[tuple(slice(a, a + n) for a, n in zip(side, filled.shape, strict=True))] |= filled
@@ -65,7 +67,7 @@ def corners(filled: np.ndarray) -> np.ndarray:
 
 
 def surface(index: np.ndarray) -> np.ndarray:
-    """(T, 3) outward triangles on the six sides of the grid; a grid one point thick has both its sides."""
+    """(T, 3) outward triangles on the six sides of the grid; both sides of a grid one point thick."""
     triangles = []
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
@@ -95,17 +97,16 @@ def boundary(index: np.ndarray, filled: np.ndarray) -> np.ndarray:
 
 
 def hexahedra(index: np.ndarray, filled: np.ndarray | None = None) -> np.ndarray:
-    """(C, 8) corners of the cells between the points of the grid, all or the filled ones, the last axis fastest; see
-    Body.cells."""
+    """(C, 8) corners of all or the filled cells of the grid, the last axis fastest; see Body.cells."""
     if min(index.shape) < 2:
         return np.zeros((0, 8), np.int32)
-    ends = (slice(None, -1), slice(1, None))
-    found = np.stack([index[a, b, c].ravel() for a in ends for b in ends for c in ends], 1).astype(np.int32)
+    sides = [tuple(slice(a, n - 1 + a) for a, n in zip(c, index.shape, strict=True)) for c in np.ndindex(2, 2, 2)]
+    found = np.stack([index[side].ravel() for side in sides], 1).astype(np.int32)
     return found if filled is None else found[filled.ravel()]
 
 
 def rotation(degrees: Vector) -> np.ndarray:
-    """The matrix that turns about x, then y, then z."""
+    """The rotation matrix about x, then y, then z."""
     (cx, cy, cz), (sx, sy, sz) = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
@@ -118,47 +119,55 @@ def body_of(
     index: np.ndarray,
     spacing: np.ndarray,
     filled: np.ndarray | None = None,
-    mass: np.ndarray | None = None,
+    shares: np.ndarray | None = None,
 ) -> Body:
     """The Body of a jello whose particles are the points of the grid `index` (n, m, l), `spacing` (3,) [m] apart and
     centred on the grid's middle.
 
-    filled (n-1, m-1, l-1) bool: only these cells belong to it, and index is -1 where no particle is; mass (N,): shares
-    of the jello's, by default equal.
+    filled (n-1, m-1, l-1) bool: only these cells belong to it, and index is -1 where no particle is; shares (N,) of the
+    jello's mass, by default equal.
     """
-    n = np.array(index.shape)
     steps = np.stack(np.nonzero(index >= 0), 1)
-    rest = (steps - 0.5 * (n - 1)) * spacing
-    low, extent = steps.min(0), np.ptp(steps, axis=0)
-    unit = (steps - low) / np.maximum(extent, 1)
-    pairs, ways, families = [np.zeros((0, 2), np.int32)], [np.zeros((0, 3))], [np.zeros(0, np.int8)]
-    for family in dict.fromkeys(jello.springs):
-        for offset in OFFSETS[family]:
-            found = connect(index, offset, filled)
-            pairs.append(found)
-            ways.append(np.tile(np.array(offset) * spacing, (len(found), 1)))
-            families.append(np.full(len(found), FAMILIES.index(family), np.int8))
-    springs, way, kind = np.concatenate(pairs), np.concatenate(ways), np.concatenate(families)
-    length = np.linalg.norm(way, axis=1)
+    rest = (steps - 0.5 * (np.array(index.shape) - 1)) * spacing
+    offsets = [(FAMILIES.index(name), offset) for name in dict.fromkeys(jello.springs) for offset in OFFSETS[name]]
+    pairs = [connect(index, offset, filled) for _, offset in offsets]
+    counts = np.array([len(found) for found in pairs], int)
+    return spring_body(
+        jello,
+        rest,
+        springs=np.concatenate([np.zeros((0, 2), np.int32), *pairs]),
+        vectors=np.repeat(np.array([o for _, o in offsets]).reshape(-1, 3) * spacing, counts, axis=0),
+        family=np.repeat(np.array([family for family, _ in offsets], np.int8), counts),
+        mass=jello.mass * (np.full(len(rest), 1.0 / len(rest)) if shares is None else shares),
+        surface=surface(index) if filled is None else boundary(index, filled),
+        cells=hexahedra(index, filled),
+    )
 
-    turned = rest @ rotation(jello.rotation).T
-    held = [pin.holds(unit) for pin in jello.pin]
+
+def spring_body(
+    jello: Jello, rest: np.ndarray, springs: np.ndarray, vectors: np.ndarray, family: np.ndarray, **arrays: np.ndarray
+) -> Body:
+    """The Body of a jello from its points, springs (S, 2) with rest vectors (S, 3) [m] from their first to their second
+    point, and the other arrays of Body."""
+    coefficients = {}
+    for name in ("stiffness", "damping"):
+        value = getattr(jello, name)
+        each = [value.get(f, 0.0) for f in FAMILIES] if isinstance(value, dict) else [value] * len(FAMILIES)
+        coefficients[name] = np.array(each)[family]
+    length, turned = np.linalg.norm(vectors, axis=1), rest @ rotation(jello.rotation).T
     lower_first = np.where(springs[:, :1] < springs[:, 1:], 1.0, -1.0)
     return Body(
         rest=rest,
         x=turned + jello.position,
         v=np.array(jello.velocity) + np.cross(jello.spin, turned),
-        mass=jello.mass * (np.full(len(rest), 1.0 / len(rest)) if mass is None else mass),
-        pinned=np.any(held, axis=0) if held else np.zeros(len(rest), bool),
+        pinned=np.any([np.zeros(len(rest), bool)] + [p.holds(places(rest, rest)) for p in jello.pin], axis=0),
         jello=np.zeros(len(rest), np.int32),
         springs=np.sort(springs, axis=1),
         rest_length=length,
-        stiffness=np.array([jello.coefficient("stiffness", f) for f in FAMILIES])[kind],
-        damping=np.array([jello.coefficient("damping", f) for f in FAMILIES])[kind],
-        family=kind,
-        direction=lower_first * way / length[:, None],
-        surface=surface(index) if filled is None else boundary(index, filled),
-        cells=hexahedra(index, filled),
+        family=family,
+        direction=lower_first * vectors / length[:, None],
+        **coefficients,
+        **arrays,
     )
 
 
@@ -170,12 +179,12 @@ def grid_body(jello: Jello, points: tuple[int, int, int], size: Vector) -> Body:
 
 
 def counts(key: str, value: Any, axes: int) -> tuple[int, ...]:
-    """`value` as whole numbers of points along each of 2 or 3 `axes`, not more than LARGEST together."""
+    """`value` as numbers of points along each of 2 or 3 `axes`, at most MAX_PARTICLES together."""
     if isinstance(value, (str, int, float)) or len(value) != axes:
         raise SceneError(key, f"expected {('two', 'three')[axes - 2]} whole numbers, got {value!r}")
     points = tuple(whole(f"{key}.{axis}", n, low=1) for axis, n in enumerate(value))
-    if prod(points) > LARGEST:
-        raise SceneError(key, f"expected at most {LARGEST:,} particles, got {prod(points):,}")
+    if prod(points) > MAX_PARTICLES:
+        raise SceneError(key, f"expected at most {MAX_PARTICLES:,} particles, got {prod(points):,}")
     return points
 
 

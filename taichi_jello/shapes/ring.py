@@ -1,4 +1,4 @@
-"""A ring: a bar of the lattice bent round until its ends are one."""
+"""A ring: a bar of the lattice bent into a circle."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -6,8 +6,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from taichi_jello.scene.body import Body
-from taichi_jello.scene.description import FAMILIES, Jello, SceneError, number
-from taichi_jello.shapes.lattice import OFFSETS, connect, counts, hexahedra, rotation, surface
+from taichi_jello.scene.description import Jello
+from taichi_jello.scene.validation import FAMILIES, SceneError, number
+from taichi_jello.shapes.lattice import OFFSETS, connect, counts, hexahedra, spring_body, surface
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,26 +41,16 @@ class Ring(Jello):
         pairs, families = [np.zeros((0, 2), np.int32)], [np.zeros(0, np.int8)]
         for family in dict.fromkeys(self.springs):
             found = np.concatenate([connect(beyond, offset) for offset in OFFSETS[family]])
-            pairs.append(np.unique(np.sort(found, 1), axis=0))  # those across the seam are met twice
+            pairs.append(np.unique(np.sort(found, 1), axis=0))  # those across the seam are found twice
             families.append(np.full(len(pairs[-1]), FAMILIES.index(family), np.int8))
-        springs, kind = np.concatenate(pairs), np.concatenate(families)
-        way = rest[springs[:, 1]] - rest[springs[:, 0]]
-        length = np.linalg.norm(way, axis=1)
-        turned, low = rest @ rotation(self.rotation).T, rest.min(0)
-        held = [pin.holds((rest - low) / np.ptp(rest, axis=0)) for pin in self.pin]
-        return Body(
-            rest=rest,
-            x=turned + self.position,
-            v=np.array(self.velocity) + np.cross(self.spin, turned),
-            mass=np.full(len(rest), self.mass / len(rest)),
-            pinned=np.any(held, axis=0) if held else np.zeros(len(rest), bool),
-            jello=np.zeros(len(rest), np.int32),
+        springs = np.concatenate(pairs)
+        return spring_body(
+            self,
+            rest,
             springs=springs,
-            rest_length=length,
-            stiffness=np.array([self.coefficient("stiffness", f) for f in FAMILIES])[kind],
-            damping=np.array([self.coefficient("damping", f) for f in FAMILIES])[kind],
-            family=kind,
-            direction=way / length[:, None],
+            vectors=rest[springs[:, 1]] - rest[springs[:, 0]],
+            family=np.concatenate(families),
+            mass=np.full(len(rest), self.mass / len(rest)),
             surface=surface(closed)[4 * (m - 1) ** 2 :],  # without the two ends of the bar
             cells=hexahedra(closed),
         )

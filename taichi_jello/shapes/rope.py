@@ -4,14 +4,15 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from taichi_jello.scene.body import Body
-from taichi_jello.scene.description import Jello, SceneError, number, whole
-from taichi_jello.shapes.lattice import LARGEST, grid_body
+from taichi_jello.scene.description import Jello
+from taichi_jello.scene.validation import SceneError, number, whole
+from taichi_jello.shapes.lattice import MAX_PARTICLES, grid_body
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rope(Jello):
-    """`points` in a row along x, `length` [m] from the first to the last; structural springs between neighbours and
-    bend springs that keep it from folding."""
+    """`points` in a row along x, `length` [m] from the first to the last, with structural springs between neighbours
+    and bend springs."""
 
     shape: ClassVar[str] = "rope"
     points: int = 16
@@ -19,8 +20,8 @@ class Rope(Jello):
 
     def check(self) -> dict[str, Any]:
         points = whole("points", self.points, low=1)
-        if points > LARGEST:
-            raise SceneError("points", f"expected at most {LARGEST:,} particles, got {points:,}")
+        if points > MAX_PARTICLES:
+            raise SceneError("points", f"expected at most {MAX_PARTICLES:,} particles, got {points:,}")
         return super().check() | {"points": points, "length": number("length", self.length, above=0.0)}
 
     def body(self) -> Body:

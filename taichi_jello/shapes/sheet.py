@@ -4,13 +4,14 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from taichi_jello.scene.body import Body
-from taichi_jello.scene.description import Jello, SceneError, number
+from taichi_jello.scene.description import Jello
+from taichi_jello.scene.validation import SceneError, number
 from taichi_jello.shapes.lattice import counts, grid_body
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sheet(Jello):
-    """A level sheet of `points` [n, m] on `size` [width along x, depth along z] [m], without thickness."""
+    """A level sheet of `points` [n, m] with `size` [width along x, depth along z] [m] and no thickness."""
 
     shape: ClassVar[str] = "sheet"
     points: tuple[int, int] = (12, 12)

@@ -169,7 +169,7 @@ def test_mistakes_are_one_line(saved, tmp_path):
 
 
 def test_too_many_triangles_are_refused(saved, monkeypatch):
-    monkeypatch.setattr(_meshfile, "MOST", 100)
+    monkeypatch.setattr(_meshfile, "MAX_TRIANGLES", 100)
     assert "expected at most 100 triangles, got 320" in problem(file=saved(surface(*sphere(0.3))))
 
 
