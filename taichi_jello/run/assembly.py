@@ -1,4 +1,4 @@
-"""From the jellos of a scene to its one Body: each jello's shape, then its material."""
+"""From the jellos of a scene to its one Body: each jello's shape, then its material and regions."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from taichi_jello.scene.validation import SceneError
 
 
 def built(jello: Jello) -> Body:
-    """The points and springs of one jello, of its material, as its regions change it."""
+    """The Body of one jello, with its material and regions."""
     body = jello.body()
     for name in ("x", "v"):
         if (given := getattr(jello, name)) is not None:
@@ -27,15 +27,15 @@ def built(jello: Jello) -> Body:
             raise SceneError(
                 f"pin.{index}", "expected a box in the body, 0 to 1 along each axis, that holds points; none lies in it"
             )
-        if pin.keyframe:  # a handle begins where its path does
+        if pin.keyframe:  # start at the beginning of the path
             body = replace(body, x=body.x + held[:, None] * offset(pin.keyframe, 0.0))
     body = replace(body, **material(jello, body))
     return replace(body, **with_regions(body, tuple(jello.region))) if jello.region else body
 
 
 def assembled(scene: Scene) -> Body:
-    """All jellos of the scene as one body. Raises SceneError naming the jello that cannot be built, or the room that
-    it does not begin in."""
+    """All jellos of the scene as one body. Raises SceneError naming the jello that cannot be built, or a room that does
+    not contain every jello at the start: its walls would throw it."""
     bodies = []
     for index, jello in enumerate(scene.jello):
         try:
@@ -43,15 +43,7 @@ def assembled(scene: Scene) -> Body:
         except SceneError as error:
             raise error.within(f"jello.{index}") from None
     body = join(bodies)
-    _check_rooms(scene, body)
-    return body
-
-
-def _check_rooms(scene: Scene, body: Body) -> None:
-    """A jello must begin inside every room, or the walls would throw it."""
-    for c, room in enumerate(scene.collider):
-        if not isinstance(room, Room):
-            continue
+    for c, room in [(c, room) for c, room in enumerate(scene.collider) if isinstance(room, Room)]:
         for j in range(len(scene.jello)):
             low, high = (corner - offset(room.keyframe, 0.0) for corner in body.extent(j))
             if np.any(low < np.array(room.min) - 1e-9) or np.any(high > np.array(room.max) + 1e-9):
@@ -60,3 +52,4 @@ def _check_rooms(scene: Scene, body: Body) -> None:
                     f"expected a box around jello.{j}, which spans {np.round(low, 3).tolist()} to "
                     f"{np.round(high, 3).tolist()}, got {list(room.min)} to {list(room.max)}",
                 )
+    return body

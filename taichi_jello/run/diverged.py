@@ -1,7 +1,7 @@
-"""What happens when numbers go bad: the simulation goes back to its last good state and tells what grew."""
+"""The error for a simulation that diverged. It is back at its last good state and can find what grew first."""
 
 from collections.abc import Callable
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,11 +10,10 @@ from taichi_jello.run.find_culprit import Blame, Culprit
 
 if TYPE_CHECKING:
     from taichi_jello.run.simulation import Simulation
-    from taichi_jello.run.snapshot import Snapshot
 
 
 class Diverged(RuntimeError):
-    """Numbers stopped being finite. The simulation is back at its last good state; `record` says what happened."""
+    """Numbers stopped being finite. The simulation is back at its last good state; `record` has the details."""
 
     def __init__(self, record: dict[str, Any], find: Callable[[], Culprit | None] = lambda: None):
         self.record, self._find = record, find
@@ -22,47 +21,45 @@ class Diverged(RuntimeError):
 
     @cached_property
     def culprit(self) -> Culprit | None:
-        """What grew first (see run/find_culprit.py), found when first asked for, which has to be before the simulation
-        goes on; None if it has, or if nothing is known."""
+        """What grew first (see find_culprit.py); None if unknown. Must be read before the simulation goes on."""
         return self._find()
 
     def __str__(self) -> str:
-        told = (
+        text = (
             "the numbers went bad at {time:.6g} s: particle {particle} of jello {jello} first, "
             "dt = {dt:.3g} s, safe dt = {safe_dt:.3g} s".format(**self.record)
         )
-        return f"{told}; {self.culprit.told}" if self.culprit else told
+        return f"{text}; {self.culprit.told}" if self.culprit else text
 
 
 def diverged(simulation: "Simulation", particle: int, part: int) -> Diverged:
-    """The error to raise where `part` substeps that made no finite numbers of `particle` have been taken back."""
-    clock, dt = simulation.clock, simulation.dt
+    """The error for `part` substeps that gave `particle` numbers that are not finite and were taken back."""
+    clock, system = simulation.clock, simulation.system
+
+    def forget() -> None:
+        """Restore the last good state also in what the integrator keeps from step to step."""
+        system.write(*system.read())
+        system.integrator.recall({})
+
+    forget()
+    good, first = simulation.snapshot(), clock.done
+
+    def find() -> Culprit | None:
+        now = simulation.snapshot()
+        if now.clock != good.clock or not np.array_equal(now.x, good.x):
+            return None
+        found = Blame(simulation).find(first, first + part)
+        if system.ledger:
+            system.ledger.take()
+        forget()
+        return found
+
     record = {
-        "time": simulation.time + part * dt,
+        "time": simulation.time + part * simulation.dt,
         "particle": particle,
         "jello": int(simulation.body.jello[particle]),
-        "dt": dt,
+        "dt": simulation.dt,
         "safe_dt": simulation.safe_dt,
         "last_good_time": simulation.time,
     }
-    _forget(simulation)
-    return Diverged(record, partial(_blame, simulation, simulation.snapshot(), clock.done, clock.done + part))
-
-
-def _blame(simulation: "Simulation", good: "Snapshot", first: int, last: int) -> Culprit | None:
-    """Go through the failed substeps once more, and back."""
-    now = simulation.snapshot()
-    if now.clock != good.clock or not np.array_equal(now.x, good.x):
-        return None
-    found = Blame(simulation).find(first, last)
-    if simulation.system.ledger:
-        simulation.system.ledger.take()
-    _forget(simulation)
-    return found
-
-
-def _forget(simulation: "Simulation") -> None:
-    """Nothing of bad numbers stays in what the method keeps from step to step."""
-    x, v = simulation.system.read()
-    simulation.system.write(x, v)
-    simulation.system.integrator.recall({})
+    return Diverged(record, find)

@@ -1,4 +1,4 @@
-"""Everything that a run needs to go on to the same bits."""
+"""Snapshots of a running simulation."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -8,10 +8,9 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Everything a run needs to go on to the same bits: time [s], x [m] and v [m/s], (N, 3), and a memory of what has
-    changed in the springs and of what the method keeps from step to step, empty where there is neither. Without it a
-    run goes on as if nothing had changed before and this step were the first. Where a simulation has made it, also the
-    clock that `time` is the sum of, and what the hand does."""
+    """Everything a run needs to continue bit for bit: time [s], x [m] and v [m/s], (N, 3), and a memory of what springs
+    and integrator keep from step to step, if anything. Without a memory the springs are as at the beginning and the
+    next step is the integrator's first. A snapshot of a simulation also has its clock and what the hand holds."""
 
     time: float
     x: np.ndarray

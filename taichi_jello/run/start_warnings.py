@@ -1,4 +1,4 @@
-"""What a person should be told of a scene that runs, but hardly as it is meant (NumPy only)."""
+"""Warnings at the start of scenes that run, but hardly as intended (NumPy only)."""
 
 import warnings
 
@@ -12,42 +12,41 @@ from taichi_jello.scene.description import Scene
 from taichi_jello.scene.validation import SceneError
 from taichi_jello.support.wording import counted
 
-SUNK = 0.1  # of its least extent, by which a jello may sink into what it lies on
-FIRM = 0.01  # of the same, with the stiffness that is advised
-STRAINED = 1e-3  # of its rest length, by which a spring may be off in what begins undeformed
-LEAP = 2.0  # m/s that a jello may gain in its first frame beyond what gravity gives it
+MAX_SINK = 0.1  # of its least extent, by which a jello may sink into its support
+ADVISED_SINK = 0.01  # the same, with the advised stiffness
+MAX_STRAIN = 1e-3  # of a spring at rest
+MAX_GAIN = 2.0  # m/s that a jello may gain in its first frame besides gravity
 
 
 class SceneWarning(UserWarning):
-    """A scene that can be simulated, but hardly as it is meant."""
+    """A scene that can be simulated, but hardly as intended."""
 
 
-def carries(scene: Scene) -> bool:
+def has_support(scene: Scene) -> bool:
     """Whether there is anything that a jello can lie on."""
     return scene.contact.stiffness != 0.0 and bool(scene.collider or (scene.contact.touch and len(scene.jello) > 1))
 
 
 def on_contact(scene: Scene, body: Body) -> None:
-    """Warn of jellos too heavy for the contact springs that are to carry them."""
-    if not carries(scene):
+    """Warn of jellos too heavy for their contact springs."""
+    if not has_support(scene):
         return
     weight, touching, least = float(np.linalg.norm(scene.gravity)), standing_points(body), least_extents(body)
     for j, (stiffness, _) in enumerate(contact_numbers(scene, body)):
         own = body.jello == j
         mass = float(body.mass[own].sum())
         depth = mass * weight / (stiffness * float(touching[j]))
-        if depth > SUNK * least[j] and not body.pinned[own].any():
-            enough = stiffness * depth / (FIRM * least[j])
+        if depth > MAX_SINK * least[j] and not body.pinned[own].any():
             warnings.warn(
                 f"jello.{j}: {mass:.3g} kg on contact springs of {stiffness:g} N/m sinks in by about {depth:.2g} m; "
-                f"contact.stiffness = {enough:.1g} would carry it",
+                f"contact.stiffness = {stiffness * depth / (ADVISED_SINK * least[j]):.1g} would carry it",
                 SceneWarning,
                 stacklevel=3,
             )
 
 
 def on_crossings(scene: Scene, body: Body) -> None:
-    """Raise SceneError if a sheet or a rope begins through another jello that it touches; warn of solids that do."""
+    """Raise SceneError if a sheet or a rope starts through another jello that it touches; warn of solids that do."""
     if not scene.contact.touch or scene.contact.stiffness == 0.0 or len(scene.jello) < 2:
         return
     surfaces = Surfaces.of(body)
@@ -63,26 +62,31 @@ def on_crossings(scene: Scene, body: Body) -> None:
     if found:
         a, b, place = found[0]
         more = f" (and {counted(len(found) - 1, 'more pair')})" if len(found) > 1 else ""
-        warnings.warn(
-            f"jello.{b} begins partly in jello.{a}, at {np.round(place, 3).tolist()}{more}: contact pushes them apart",
-            SceneWarning,
-            stacklevel=3,
+        message = (
+            f"jello.{b} begins partly in jello.{a}, at {np.round(place, 3).tolist()}{more}: contact pushes them apart"
         )
+        warnings.warn(message, SceneWarning, stacklevel=3)
 
 
 def on_start(scene: Scene, body: Body, v: np.ndarray) -> None:
-    """Warn of jellos that contact throws out of where they begin, by their velocities (N, 3) [m/s] after the first
-    frame; not where something else moves that could have set them going."""
+    """Warn of jellos that contact throws from their start, by their velocities (N, 3) [m/s] after the first frame, unless
+    another motion or force could have accelerated them."""
     frame = scene.solver.frame_dt
     moving = any(np.any(collider.moved_rows(0.0, frame)[:, 3:6]) for collider in scene.collider)
-    if moving or scene.keyframe or any(not isinstance(force, Grab) for force in scene.force) or not carries(scene):
+    if moving or scene.keyframe or any(not isinstance(f, Grab) for f in scene.force) or not has_support(scene):
         return
-    gained = LEAP + 2.0 * frame * float(np.linalg.norm(scene.gravity))
-    mass, still = np.bincount(body.jello, body.mass), undeformed(scene, body)
-    before, after = (np.where(still, mean_speed(body, u, mass), speed(body, u, mass)) for u in (body.v, v))
-    gained += 2.0 * float(before.max())  # what the fastest one can give to a light one
+    # A jello at rest gains speed from contact and gravity alone: its springs have their rest lengths, and no keyframes
+    # change or move it.
+    length = np.linalg.norm(body.x[body.springs[:, 1]] - body.x[body.springs[:, 0]], axis=1)
+    strained = body.jello[body.springs[:, 0]][np.abs(length - body.rest_length) > MAX_STRAIN * body.rest_length]
+    changed = [bool(jello.keyframe) or any(pin.keyframe for pin in jello.pin) for jello in scene.jello]
+    at_rest = ~np.isin(np.arange(len(scene.jello)), strained) & ~np.array(changed)
+    mass = np.bincount(body.jello, body.mass)
+    before, after = (np.where(at_rest, rms_speed(body, u, mass), speed(body, u, mass)) for u in (body.v, v))
+    # 2 max(before): what the fastest jello can give to a light one.
+    gained = MAX_GAIN + 2.0 * frame * float(np.linalg.norm(scene.gravity)) + 2.0 * float(before.max())
     held = np.isin(np.arange(len(mass)), body.jello[body.pinned])
-    for j in np.flatnonzero((after - before > gained) & (still | ~held)):
+    for j in np.flatnonzero((after - before > gained) & (at_rest | ~held)):
         warnings.warn(
             f"jello.{j} comes to {after[j]:.2g} m/s within the first frame: what begins inside the "
             "ground or another jello, or nearer to a sheet or rope than these are thick, is thrown out",
@@ -91,20 +95,11 @@ def on_start(scene: Scene, body: Body, v: np.ndarray) -> None:
         )
 
 
-def mean_speed(body: Body, v: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """(J,) [m/s] what the particles (N, 3) of each jello of `mass` (J,) have in the mean, by their energy."""
+def rms_speed(body: Body, v: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """(J,) [m/s] mass-weighted rms speed of the particles (N, 3) of each jello of `mass` (J,)."""
     return np.sqrt(np.bincount(body.jello, body.mass * (v * v).sum(1)) / mass)
 
 
 def speed(body: Body, v: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """(J,) [m/s] of each jello of `mass` (J,) as a whole."""
+    """(J,) [m/s] speed of the centre of mass of each jello of `mass` (J,)."""
     return np.linalg.norm([np.bincount(body.jello, body.mass * v[:, axis]) / mass for axis in range(3)], axis=0)
-
-
-def undeformed(scene: Scene, body: Body) -> np.ndarray:
-    """(J,) bool: which jellos nothing but contact and gravity can set going in the first frame: whose springs have
-    their rest lengths, and which no keyframes change or move."""
-    length = np.linalg.norm(body.x[body.springs[:, 1]] - body.x[body.springs[:, 0]], axis=1)
-    strained = body.jello[body.springs[:, 0]][np.abs(length - body.rest_length) > STRAINED * body.rest_length]
-    changed = [bool(jello.keyframe) or any(pin.keyframe for pin in jello.pin) for jello in scene.jello]
-    return ~np.isin(np.arange(len(scene.jello)), strained) & ~np.array(changed)

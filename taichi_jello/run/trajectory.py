@@ -1,4 +1,4 @@
-"""Runs on disk: the NPZ that `jello run` writes, and states to start from."""
+"""The NPZ files that `jello run` writes, and states to start from."""
 
 import os
 import zipfile
@@ -7,55 +7,46 @@ from typing import Any
 
 import numpy as np
 
-from taichi_jello.physics.energies import ENERGIES
 from taichi_jello.run.simulation import Simulation
 from taichi_jello.run.snapshot import Snapshot
 from taichi_jello.scene.body import Body
 
-# What a state and a scene must have in common, and how nearly: their shapes, not what they are made of.
+# The arrays that a state must share with a scene, and the tolerance: its shape, not its material.
 SAME = {"jello": 0.0, "springs": 0.0, "rest_length": 1e-6}
-MEMORY = "memory_"  # begins the names of the arrays of a snapshot's memory
+BODY = ("mass", "jello", "springs", "rest_length", "stiffness", "damping", "family", "surface")
+MEMORY = "memory_"  # prefix of the arrays of a snapshot's memory
 
 
 class Trajectory:
-    """Moments of a run, kept in memory until `save`: time, x, v and energies of each `add`."""
+    """Time, x, v and energies at each `add` of a run, kept in memory until `save`."""
 
     def __init__(self, simulation: Simulation):
         self.simulation = simulation
-        self.moments: list[tuple[Snapshot, dict[str, float]]] = []
-        self.books: list[dict[str, float]] = []  # of a simulation with a ledger
+        self.moments: list[Snapshot] = []
+        self.books: list[dict[str, float]] = []  # energies, work and residual
 
     def add(self) -> None:
-        self.moments.append((self.simulation.snapshot(), self.simulation.energies()))
-        if self.simulation.keeps_ledger:
-            work = {f"work_{name.replace(' ', '_')}": joules for name, joules in self.simulation.work.items()}
-            self.books.append(work | {"energy_residual": self.simulation.energy_residual})
+        simulation = self.simulation
+        self.moments.append(simulation.snapshot())
+        book = {f"energy_{kind}": joules for kind, joules in simulation.energies().items()}
+        if simulation.keeps_ledger:
+            book |= {f"work_{name.replace(' ', '_')}": joules for name, joules in simulation.work.items()}
+            book |= {"energy_residual": simulation.energy_residual}
+        self.books.append(book)
 
     def arrays(self) -> dict[str, Any]:
         """F moments, N particles, S springs, T triangles: time (F,), x and v (F, N, 3), energy_* (F,), the body's
-        arrays, dt and method; with a ledger also work_* (F,), done until then, and energy_residual (F,); and memory_*,
-        what a run of springs that change needs to go on from the last moment."""
-        body, simulation = self.simulation.body, self.simulation
-        names = ("mass", "jello", "springs", "rest_length", "stiffness", "damping", "family", "surface")
-        return (
-            {
-                "time": np.array([moment.time for moment, _ in self.moments]),
-                "x": np.array([moment.x for moment, _ in self.moments]),
-                "v": np.array([moment.v for moment, _ in self.moments]),
-            }
-            | {name: getattr(body, name) for name in names}
-            | {f"energy_{kind}": np.array([energy[kind] for _, energy in self.moments]) for kind in ENERGIES}
-            | {
-                name: np.array([book.get(name, 0.0) for book in self.books])
-                for book in self.books[-1:]
-                for name in book
-            }
-            | {"dt": np.array(simulation.dt), "method": np.array(simulation.method)}
-            | {f"{MEMORY}{name}": values for moment, _ in self.moments[-1:] for name, values in moment.memory.items()}
-        )
+        arrays, dt and method; with a ledger also work_* until then and energy_residual (F,); and memory_*, needed to
+        continue from the last moment."""
+        arrays = {name: np.array([getattr(moment, name) for moment in self.moments]) for name in ("time", "x", "v")}
+        arrays |= {name: getattr(self.simulation.body, name) for name in BODY}
+        for name in self.books[-1]:
+            arrays[name] = np.array([book.get(name, 0.0) for book in self.books])
+        arrays |= {"dt": np.array(self.simulation.dt), "method": np.array(self.simulation.method)}
+        return arrays | {f"{MEMORY}{name}": values for name, values in self.moments[-1].memory.items()}
 
     def save(self, path: Path) -> None:
-        """Write all at once: a run that fails leaves no half file, and an old file stays until the new one is whole."""
+        """Write the file as a whole: a failure leaves an old file as it was."""
         part = path.with_name(f".{path.name}.part")
         try:
             with part.open("wb") as file:
@@ -66,9 +57,9 @@ class Trajectory:
 
 
 def last_moment(path: Path, body: Body) -> Snapshot:
-    """The last moment in an NPZ written by `jello run`, or its bare arrays x and v (N, 3), then at time 0.
+    """The last moment in an NPZ written by `jello run`, or bare arrays x and v (N, 3) at time 0.
 
-    Raises ValueError saying what the file lacks or that it is of another body, OSError if it cannot be read.
+    Raises ValueError for a file of another kind or another body, OSError if it cannot be read.
     """
     with path.open("rb") as file:
         if not zipfile.is_zipfile(file):

@@ -1,1 +1,1 @@
-"""What everything else uses: the Taichi runtime, Ctrl-C, plugins, progress, wording."""
+"""Shared by all folders: the Taichi runtime, Ctrl-C, plugins, progress, wording."""

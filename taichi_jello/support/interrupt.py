@@ -1,8 +1,7 @@
 """Ctrl-C that is not lost.
 
-Python raises KeyboardInterrupt wherever the program happens to be, and Taichi has `except:` around its decorators and
-the reading of every kernel's source: there it vanishes (2 of 20 films went on, on a busy machine). So it is noted as
-well as raised, and whatever goes on for long looks for the note once a frame.
+Python raises KeyboardInterrupt at any point, and Taichi has bare `except:` clauses that swallow it. So Ctrl-C is also
+noted, and long loops check the note once a frame.
 """
 
 import signal
@@ -12,42 +11,43 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-_asked = False
+_noted = False
 
 
 def asked() -> bool:
-    """Whether somebody wants the program to end."""
-    return _asked
+    """Whether Ctrl-C was pressed."""
+    return _noted
 
 
 def look() -> None:
-    """Raise KeyboardInterrupt if one was raised before and got lost."""
-    if _asked:
+    """Raise KeyboardInterrupt if Ctrl-C was pressed, even if an earlier one was swallowed."""
+    if _noted:
         raise KeyboardInterrupt
 
 
 def obey(*_: Any) -> None:
-    """A signal's handler: note it, and raise KeyboardInterrupt."""
+    """Signal handler: note it and raise KeyboardInterrupt."""
     _note()
     raise KeyboardInterrupt
 
 
 def _note(*_: Any) -> None:
-    global _asked
-    _asked = True
+    global _noted
+    _noted = True
 
 
 def forget() -> None:
-    """What was asked for is done."""
-    global _asked
-    _asked = False
+    """Clear the note."""
+    global _noted
+    _noted = False
 
 
 @contextmanager
-def _handled(handler: Callable[..., None]) -> Iterator[None]:
-    """Within, Ctrl-C does this, if it would have raised KeyboardInterrupt."""
-    free = threading.current_thread() is threading.main_thread()
-    if not free or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+def heeded(handler: Callable[..., None] = obey) -> Iterator[None]:
+    """Within, Ctrl-C calls `handler` instead of Python's own, if that is installed: by default it is noted and
+    raised."""
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    if not in_main_thread or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
         return
     forget()
@@ -60,27 +60,13 @@ def _handled(handler: Callable[..., None]) -> Iterator[None]:
 
 
 @contextmanager
-def heeded() -> Iterator[None]:
-    """Within, Ctrl-C is noted and raised."""
-    with _handled(obey):
-        yield
-
-
-@contextmanager
-def put_off() -> Iterator[None]:
-    """Within, Ctrl-C is only noted; it is raised at the end."""
-    with _handled(_note):
-        yield
-        look()
-
-
-@contextmanager
 def importing() -> Iterator[None]:
-    """Within, modules are imported: Ctrl-C is put off, since Taichi's decorators lose it. If nobody catches it then, it
-    ends the program with one line and status 130."""
+    """For imports, in which Taichi's decorators would swallow Ctrl-C: it is raised at the end. Uncaught, it ends the
+    program with one line and status 130."""
     try:
-        with put_off():
+        with heeded(_note):
             yield
+            look()
     except KeyboardInterrupt:
         sys.excepthook = _in_one_line
         raise
@@ -93,5 +79,5 @@ def _in_one_line(kind: type[BaseException], error: BaseException, trace: Any) ->
         sys.__excepthook__(kind, error, trace)
         return
     print("jello: stopped while it was starting", file=sys.stderr)
-    if not hasattr(sys, "ps1"):  # at a prompt Python goes on
+    if not hasattr(sys, "ps1"):  # Python goes on at a prompt
         raise SystemExit(130)

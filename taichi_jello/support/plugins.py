@@ -1,4 +1,4 @@
-"""Finding the variants of one idea by looking in their folder, so that a new one is one new file."""
+"""Find modules and classes in a folder, so a new plugin is one new file."""
 
 from importlib import import_module
 from pkgutil import iter_modules
@@ -13,14 +13,14 @@ def modules(package: ModuleType) -> list[ModuleType]:
 
 
 def below(package: ModuleType) -> list[ModuleType]:
-    """The same with the modules of the folders in it, in alphabetical order of their last names."""
-    found = list(modules(package))
+    """Also the modules of its subfolders, in alphabetical order of their last names."""
+    found = modules(package)
     found += [each for one in found if hasattr(one, "__path__") for each in below(one)]
     return sorted(found, key=lambda module: module.__name__.rpartition(".")[2])
 
 
 def classes(package: ModuleType, base: type) -> list[Any]:
-    """Every concrete subclass of `base` that is defined in a module below `package` (not merely imported there)."""
+    """Every subclass of `base` defined (not merely imported) in a module below `package`."""
     return [
         member
         for module in below(package)

@@ -1,4 +1,4 @@
-"""Pictures as files."""
+"""PNG files."""
 
 import os
 import struct
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-FASTEST = 1  # zlib level: a seventh of the time of its default for a file a quarter larger
+ZLIB_LEVEL = 1  # a seventh of the time of the default, for a file a quarter larger
 
 
 def _chunk(kind: bytes, data: bytes) -> bytes:
@@ -17,23 +17,22 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def encode_png(image: np.ndarray) -> bytes:
-    """An RGB picture (height, width, 3) uint8 as the bytes of a PNG file. Raises ValueError for any other
-    array."""
+    """The bytes of a PNG file of a picture (height, width, 3) uint8. Raises ValueError for another array."""
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or 0 in image.shape:
         raise ValueError(f"expected a picture (height, width, 3) uint8, got {image.shape} {image.dtype}")
     height, width, _ = image.shape
-    rows = np.zeros((height, 1 + 3 * width), np.uint8)  # each row begins with its filter: 1, the left neighbour
+    rows = np.zeros((height, 1 + 3 * width), np.uint8)  # each row begins with filter type 1: left neighbour
     rows[:, 0] = 1
     flat = image.reshape(height, 3 * width)
     rows[:, 1:4] = flat[:, :3]
     rows[:, 4:] = flat[:, 3:] - flat[:, :-3]
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    data = _chunk(b"IDAT", zlib.compress(rows.data, FASTEST))
+    data = _chunk(b"IDAT", zlib.compress(rows.data, ZLIB_LEVEL))
     return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", header) + data + _chunk(b"IEND", b"")
 
 
 def write_png(path: str | os.PathLike[str], image: np.ndarray) -> None:
-    """Write (height, width, 3) uint8 to `path`: all of it or, with an OSError, nothing."""
+    """Write a picture (height, width, 3) uint8 to `path`, as a whole or, with an OSError, not at all."""
     path = Path(path)
     data = encode_png(image)
     if path.is_dir():
@@ -42,7 +41,9 @@ def write_png(path: str | os.PathLike[str], image: np.ndarray) -> None:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
-        os.chmod(temporary, 0o666 & ~_umask())
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(temporary, 0o666 & ~mask)
         os.replace(temporary, path)
     except BaseException:
         os.unlink(temporary)
@@ -50,12 +51,6 @@ def write_png(path: str | os.PathLike[str], image: np.ndarray) -> None:
 
 
 def unused(path: Path) -> Path:
-    """The path, or with a number that makes it one that is not there yet: x.png, x-2.png, x-3.png."""
+    """The first of x.png, x-2.png, x-3.png … that does not exist."""
     names = chain([path.name], (f"{path.stem}-{again}{path.suffix}" for again in count(2)))
     return next(path.with_name(name) for name in names if not path.with_name(name).exists())
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

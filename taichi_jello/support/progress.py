@@ -1,4 +1,4 @@
-"""A progress bar where somebody watches."""
+"""A progress bar on terminals."""
 
 import sys
 from collections.abc import Iterable
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def bar(steps: Iterable[Any], text: str, *, quiet: bool = False, total: float | None = None) -> Iterable[Any]:
-    """The steps, with a bar on the screen while they are taken; `total` of them if they cannot be counted."""
+    """The steps, with a progress bar while they are iterated; total: their number if they have no length."""
     if quiet or not sys.stderr.isatty():
         return steps
     from rich.console import Console

@@ -20,12 +20,12 @@ PRECISIONS = ("f32", "f64")
 
 
 class RuntimeProblem(RuntimeError):
-    """This machine or this Taichi start cannot do what was asked."""
+    """The request is impossible on this machine or with this start of Taichi."""
 
 
 @dataclass(frozen=True)
 class Runtime:
-    """One `ti.init`. Fields made under it die with the next one; `serial` tells the starts apart."""
+    """One `ti.init`. The next one invalidates its fields; `serial` counts the starts."""
 
     arch: str
     precision: str
@@ -43,8 +43,8 @@ class Runtime:
 
 
 _current: Runtime | None = None
-_workers: dict[int, int] = {}  # the core that each of Taichi's threads gets
-_settled = False  # whether each has it now
+_workers: dict[int, int] = {}  # the core for each of Taichi's threads
+_pinned = False  # whether each is bound to it now
 
 
 def vulkan_device_types() -> list[int]:
@@ -55,8 +55,7 @@ def vulkan_device_types() -> list[int]:
         vk = ctypes.CDLL(names.get(sys.platform, "libvulkan.so.1"))
     except OSError:
         return []
-    # VkInstanceCreateInfo without layers, extensions or application info: sType 1 and zeroes.
-    info = (ctypes.c_uint64 * 8)(1)
+    info = (ctypes.c_uint64 * 8)(1)  # VkInstanceCreateInfo: sType 1, the rest 0
     instance = ctypes.c_void_p()
     if vk.vkCreateInstance(info, None, ctypes.byref(instance)) != 0:
         return []
@@ -74,29 +73,33 @@ def vulkan_device_types() -> list[int]:
 
 
 def has_vulkan() -> bool:
-    """Whether Taichi can use a Vulkan driver here, hardware or software. Asked first on Linux: the loader itself,
-    since Taichi prints an error of its own where there is none."""
-    if sys.platform.startswith("linux") and not vulkan_device_types():
-        return False
-    return bool(core.with_vulkan())
+    """Whether Taichi can use a Vulkan driver, hardware or software. On Linux the loader is checked first, since Taichi
+    prints an error without one."""
+    return not (sys.platform.startswith("linux") and not vulkan_device_types()) and bool(core.with_vulkan())
 
 
 def has_real_vulkan() -> bool:
+    """Whether there is a Vulkan GPU."""
     return any(kind in (1, 2, 3) for kind in vulkan_device_types())
 
 
-def choose_arch(wanted: str) -> str:
+def _has_cuda() -> bool:
+    core.set_logging_level("error")  # no warning about a missing libcuda
+    return core.with_cuda()
+
+
+def choose_arch(name: str) -> str:
     """The arch to start: "gpu" becomes CUDA, Metal or a Vulkan device that is not a software driver.
 
-    Raises RuntimeProblem when this machine has no such arch.
+    Raises RuntimeProblem if this machine has none.
     """
-    if wanted not in ARCHES:
-        raise RuntimeProblem(f"--arch: expected one of {', '.join(ARCHES)}, got {wanted!r}")
+    if name not in ARCHES:
+        raise RuntimeProblem(f"--arch: expected one of {', '.join(ARCHES)}, got {name!r}")
     has = {"cpu": lambda: True, "vulkan": has_vulkan, "metal": core.with_metal, "cuda": _has_cuda}
-    if wanted != "gpu":
-        if not has[wanted]():
-            raise RuntimeProblem(f"--arch: this machine has no {wanted} device or driver")
-        return wanted
+    if name != "gpu":
+        if not has[name]():
+            raise RuntimeProblem(f"--arch: this machine has no {name} device or driver")
+        return name
     for arch in ("cuda", "metal"):
         if has[arch]():
             return arch
@@ -105,26 +108,18 @@ def choose_arch(wanted: str) -> str:
     raise RuntimeProblem("--arch: this machine has no GPU that Taichi can use (a software Vulkan driver is not one)")
 
 
-def _has_cuda() -> bool:
-    core.set_logging_level("error")  # Taichi warns about a missing libcuda where there is simply no CUDA
-    return core.with_cuda()
-
-
 def usable_cores() -> list[int]:
-    """The numbers of the CPU cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return sorted(os.sched_getaffinity(0))
-    return list(range(os.cpu_count() or 1))
+    """The CPU cores that this process may use."""
+    return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
 
 
 def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None) -> Runtime:
-    """Start Taichi anew; every field made before is dead. Reads no environment but Taichi's own.
+    """Start Taichi, which invalidates all earlier fields. Reads no environment but Taichi's own.
 
-    arch: one of ARCHES; precision: "f32" or "f64"; threads: CPU threads, at most and by default all that this process
-    may use.
-    Raises RuntimeProblem for a name or a number that cannot be, or an arch that this machine lacks.
+    arch: one of ARCHES; precision: "f32" or "f64"; threads: CPU threads, at most and by default all usable cores.
+    Raises RuntimeProblem for an invalid argument or an arch that this machine lacks.
     """
-    global _current, _settled
+    global _current, _pinned
     if precision not in PRECISIONS:
         raise RuntimeProblem(f"--precision: expected f32 or f64, got {precision!r}")
     cores = usable_cores()
@@ -141,24 +136,24 @@ def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None)
             default_fp=getattr(ti, precision),
             cpu_max_num_threads=threads,
             log_level=ti.ERROR,
-            make_cpu_multithreading_loop=False,  # these two give one thread 512 iterations at least,
-            cpu_block_dim_adaptive=False,  # whatever block_dim a loop asks for
-            default_cpu_block_dim=512,  # for the loops that ask for none
+            make_cpu_multithreading_loop=False,  # together with the next, heeds a loop's block_dim below 512
+            cpu_block_dim_adaptive=False,
+            default_cpu_block_dim=512,
             cfg_optimization=False,  # a third of the compile time, the same speed: LLVM optimises anyway
-            unrolling_limit=0,  # no warning where a scene has many tables to fill
-            fast_math=False,  # it may reorder sums, which gave other bits in a serial than in a parallel kernel
+            unrolling_limit=0,  # no warning for scenes with many tables to fill
+            fast_math=False,  # it may reorder sums, so serial and parallel kernels would differ
         )
     _workers.clear()
     if chosen == "cpu" and threads == len(cores) > 1:
         _workers.update(zip(sorted(_tasks() - others)[-threads:], cores, strict=False))
-    _settled = False
+    _pinned = False
     settle(True)
     _current = Runtime(chosen, precision, threads, 1 if _current is None else _current.serial + 1)
     return _current
 
 
 def _tasks() -> set[int]:
-    """The threads of this process; none where there is no /proc."""
+    """The threads of this process; empty without /proc."""
     try:
         return {int(number) for number in os.listdir("/proc/self/task")}
     except OSError:
@@ -166,23 +161,22 @@ def _tasks() -> set[int]:
 
 
 def settle(all_at_work: bool) -> None:
-    """Give each of Taichi's workers, which are the threads it starts last, a core of its own while all are at work, or
-    else any core. Linux now and then wakes two on one core, where each waits for the other until its time slice is
-    over: single frames take ten times as long. Fewer are better off where nothing else runs. Not for fewer threads
-    than there are cores, since others may be using just those that would be chosen."""
-    global _settled
-    if all_at_work == _settled:
+    """Pin each of Taichi's workers to a core while all are at work, else free them. Linux sometimes wakes two on one
+    core, where one waits for the other's time slice: such frames take ten times as long. Only if there are as many
+    threads as cores: with fewer, others may be using the chosen cores."""
+    global _pinned
+    if all_at_work == _pinned:
         return
-    _settled = all_at_work
+    _pinned = all_at_work
     for worker in _workers.keys() & _tasks():
-        with contextlib.suppress(OSError):  # a thread that has ended since
+        with contextlib.suppress(OSError):  # the thread may have ended
             os.sched_setaffinity(worker, {_workers[worker]} if all_at_work else set(_workers.values()))
 
 
 @contextlib.contextmanager
 def compiling_in_half_the_time() -> Iterator[None]:
-    """What is compiled within is without Taichi's own optimisation before LLVM's, which for every value that it finds
-    twice looks through the whole kernel: for large kernels most of the time that compiling takes."""
+    """Within, kernels are compiled without Taichi's own optimisation, which takes most of the compile time of large
+    kernels."""
     config = ti.lang.impl.get_runtime().prog.config()
     config.advanced_optimization = False
     try:
@@ -192,24 +186,24 @@ def compiling_in_half_the_time() -> Iterator[None]:
 
 
 def current() -> Runtime:
-    """The running Taichi; started with its defaults when nobody has."""
+    """The running Taichi, started with its defaults if there is none."""
     return _current if _current is not None else start()
 
 
 def check(owner: Runtime) -> None:
-    """Raise RuntimeProblem if fields made under `owner` are dead: using them would end the process."""
+    """Raise RuntimeProblem if the fields of `owner` are invalid: using them would crash the process."""
     if owner is not _current:
         raise RuntimeProblem("Taichi was started again after this simulation was made; make the simulation anew")
 
 
 def _position(self: ASTTransformerContext, node: Any) -> str:
-    """Where a node of a kernel's source stands. Taichi asks this of every node, for messages that are hardly ever
-    printed, and by itself wraps and underlines the text each time: a third of the time it needs to read a kernel."""
+    """The position of a node for error messages. Taichi computes it for every node of a kernel; its own version takes a
+    third of the time to read a kernel."""
     line = node.lineno + self.lineno_offset
     return f'File "{self.file}", line {line}, in {self.func.func.__name__}:\n{self.src[node.lineno - 1].rstrip()}\n'
 
 
 ASTTransformerContext.get_pos_info = _position
-# Taichi reads and tokenises a function's source file again wherever the function is inlined.
+# Taichi reads and tokenises a function's source again wherever it is inlined.
 kernel_impl.getsourcelines = cache(kernel_impl.getsourcelines)
 kernel_impl.getsourcefile = cache(kernel_impl.getsourcefile)

@@ -7,5 +7,5 @@ def counted(count: int, thing: str) -> str:
 
 
 def plain(value: float, digits: int = 2) -> str:
-    """So many digits that count, never as a power of ten if it is 1e-4 or more: "130", "0.052"."""
+    """Rounded to significant digits, without an exponent from 1e-4 up: "130", "0.052"."""
     return f"{float(f'{value:.{digits}g}'):.15g}"

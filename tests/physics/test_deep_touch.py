@@ -42,7 +42,7 @@ def small():
 
 def test_stiff_and_thin_ones_do_not_pass_at_twenty_metres_a_second(small):
     assert small.substeps == 1  # a frame that nothing hurries is one step
-    assert "in parts while jellos come at each other by more than 0.01 m a step" in text(facts(small))
+    assert "in parts while jellos approach each other by more than 0.01 m a step" in text(facts(small))
     small.change_step(substeps=1)
     small.frame()
     small.frame()
