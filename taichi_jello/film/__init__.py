@@ -1,6 +1,5 @@
-"""Films: a recorder that takes frames and leaves a whole file, whatever happens on the way."""
+"""Films: a recorder that takes frames and always leaves a complete file."""
 
-from taichi_jello.film.recorder import Film, suffixes
-from taichi_jello.film.writer import FilmProblem, Mesh
-
-__all__ = ["Film", "FilmProblem", "Mesh", "suffixes"]
+from taichi_jello.film.recorder import Film as Film
+from taichi_jello.film.writer import FilmProblem as FilmProblem
+from taichi_jello.film.writer import Mesh as Mesh

@@ -1,10 +1,11 @@
-"""The recorder: frames go in, a thread encodes them beside the target, and the target appears when it is whole."""
+"""The recorder: a thread encodes frames beside the target, which appears when it is complete."""
 
 import contextlib
 import os
 import re
 import shutil
 import tempfile
+from collections.abc import Iterator
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -18,35 +19,30 @@ import numpy as np
 from taichi_jello.film.writer import FilmProblem, Writer
 from taichi_jello.support.plugins import classes
 
-WAITING = 4  # frames between the one who draws and the one who encodes
+MAX_QUEUED = 4  # frames
 PATTERN = re.compile(r"%(0\d+)?d")
 
 
 @cache
 def writers() -> dict[str, type[Writer]]:
-    """The formats there are, by the suffix of a file."""
+    """The formats by file suffix."""
     from taichi_jello.film import formats
 
     return {found.suffix: found for found in classes(formats, Writer)}
 
 
-def suffixes() -> list[str]:
-    """The suffixes a film's name may end in."""
-    return list(writers())
-
-
 class Film:
     """A film being written: `with Film("fall.mp4", (1280, 720), 60) as film: film.add(image)`.
 
-    path: its suffix chooses the format; a sequence of files has a number in its name, as in skin-%04d.ply. size:
-    (width, height) [pixels]; fps: frames a second, by default the format's own. Frames are `takes`: pictures (height,
-    width, 3) uint8, or Mesh; they are encoded later, so nobody may write into them after `add`.
+    path: its suffix chooses the format; a sequence has a number in its name, as in skin-%04d.ply. size: (width, height)
+    [pixels]; fps: frames a second, by default the format's own. Frames are of the type `takes`: pictures (height,
+    width, 3) uint8, or Mesh. They are encoded later, so they must not be modified after `add`.
 
-    The target appears, or is replaced, when the block ends: normally or with one of the exceptions `keep`, by default
-    Ctrl-C, and at least one frame. Any other exception leaves what was there. Until then the film is in a folder
-    beside it whose name ends in .part; a process that is killed leaves it there. Raises FilmProblem for a film that
-    cannot be; `add` and the block's end raise OSError if the file cannot be written, but with OSError among `keep` what
-    was written before is placed all the same. `frames` counts what is encoded, `kept` tells whether it is in its place.
+    The target appears, or is replaced, when the block ends normally or with one of the exceptions in `keep` and has at
+    least one frame; other exceptions leave it as it was. Until then the film is in a folder beside it whose name ends
+    in .part; a killed process leaves that behind. Raises FilmProblem for invalid arguments; `add` and the block's end
+    raise OSError if the file cannot be written. With OSError in `keep`, what was written before is kept. `frames`
+    counts encoded frames; `kept`: whether the target is in its place.
     """
 
     def __init__(
@@ -79,9 +75,9 @@ class Film:
 
     def __enter__(self) -> "Film":
         self.frames, self.kept = 0, False
-        self._problem: BaseException | None = None
-        self._queue: Queue[Any] = Queue(WAITING)
-        with self._told():
+        self._problem: Exception | None = None
+        self._queue: Queue[Any] = Queue(MAX_QUEUED)
+        with self._naming_target():
             self._folder = Path(tempfile.mkdtemp(prefix=f"{self.stem}.", suffix=".part", dir=self.path.parent))
             try:
                 self._writer = self._format(self._folder, self.path.name, self.size, self.rate)
@@ -93,7 +89,7 @@ class Film:
         return self
 
     def add(self, frame: Any) -> None:
-        """Take the next frame. Raises ValueError for one of another kind or size."""
+        """Take the next frame. Raises ValueError for another type or size."""
         if not isinstance(frame, self.takes):
             raise ValueError(f"expected a {self.takes.__name__}, got {type(frame).__name__}")
         shape = (self.size[1], self.size[0], 3)
@@ -109,21 +105,20 @@ class Film:
             self._queue.put(None)
             self._thread.join()
             if kind is None or issubclass(kind, self._keep):
-                if isinstance(self._problem, self._keep) and self._writer.mend():
+                if self._problem is None or (isinstance(self._problem, self._keep) and self._writer.mend()):
                     self._place()
                 self._raise_problem()
-                self._place()
         finally:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _encode(self) -> None:
-        """The thread's work. Ctrl-C reaches only the main thread, so a frame is encoded wholly or not at all."""
+        """Run in the thread. Ctrl-C reaches only the main thread, so no frame is cut short."""
         while (frame := self._queue.get()) is not None:
             if self._problem is None:
                 try:
                     self._writer.add(self.frames, frame)
                     self.frames += 1
-                except Exception as error:  # told where the frames come from
+                except Exception as error:  # raised by the next `add`
                     self._problem = error
         try:
             self._writer.close()
@@ -132,21 +127,21 @@ class Film:
 
     def _raise_problem(self) -> None:
         if self._problem is not None:
-            with self._told():
+            with self._naming_target():
                 raise self._problem
 
     @contextlib.contextmanager
-    def _told(self) -> Any:
-        """An OSError within names the film, not a file that nobody asked for."""
+    def _naming_target(self) -> Iterator[None]:
+        """Make an OSError name the target, not a temporary file."""
         try:
             yield
         except OSError as error:
             raise OSError(error.errno, error.strerror or str(error), str(self.path)) from None
 
     def _place(self) -> None:
-        """Move what was written to its place."""
+        """Move the files to their place."""
         if self.frames:
-            with self._told():
+            with self._naming_target():
                 for written in sorted(self._folder.iterdir()):
                     os.replace(written, self.path.parent / written.name)
             self.kept = True

@@ -1,4 +1,4 @@
-"""What every format of a film has: a suffix, what it needs, and frames that go in one after the other."""
+"""The interface of film formats: a suffix, requirements, and frames written one after another."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ INSTALL = "pip install 'taichi_jello[video]'"
 
 
 class FilmProblem(ValueError):
-    """A film that cannot be written: one line for the person."""
+    """A film that cannot be written, in one line."""
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """One moment of a surface: x (V, 3) float32 [m], rgb (V, 3) uint8, index (T, 3), the same in every frame."""
+    """One frame of a surface: x (V, 3) float32 [m], rgb (V, 3) uint8, index (T, 3), the same in every frame."""
 
     x: np.ndarray
     rgb: np.ndarray
@@ -26,24 +26,21 @@ class Mesh:
 
 
 class Writer(ABC):
-    """Writes frames into a folder that is its own; whoever made it moves the files to their place.
-
-    `folder` is there, `name` is the wanted file name: for a `sequence` a pattern such as skin-%04d.ply. A subclass may
-    refuse a size [pixels] or a rate [frames/s] in `check`, which touches no file.
-    """
+    """Writes frames into its own `folder`. `name` is the file's name, for a `sequence` a pattern such as
+    skin-%04d.ply."""
 
     suffix: ClassVar[str]
     frame: ClassVar[type] = np.ndarray  # or Mesh
     sequence: ClassVar[bool] = False
-    fps: ClassVar[float] = 60.0  # unless somebody asks for another
-    needs: ClassVar[tuple[str, str]] = ("", "")  # what is imported, and what people call it
+    fps: ClassVar[float] = 60.0  # by default
+    needs: ClassVar[tuple[str, str]] = ("", "")  # module and package
 
     def __init__(self, folder: Path, name: str, size: tuple[int, int], rate: Fraction):
         self.folder, self.name, self.size, self.rate = folder, name, size, rate
 
     @classmethod
     def check(cls, size: tuple[int, int], rate: Fraction) -> None:
-        """Raise FilmProblem for what this format cannot be."""
+        """Raise FilmProblem for a size [pixels] or rate [frames/s] that this format lacks."""
         module, package = cls.needs
         if module:
             try:
@@ -59,9 +56,9 @@ class Writer(ABC):
         """Finish the file."""
 
     def mend(self) -> bool:
-        """Make what could be written before it failed a file that plays; False if it cannot be one."""
+        """Repair the file after a failed write; False if nothing playable is left."""
         return True
 
     def path(self, number: int = 0) -> Path:
-        """The file that frame `number` goes into."""
+        """The file of frame `number`."""
         return self.folder / (self.name % number if self.sequence else self.name)

@@ -62,15 +62,14 @@ def on_crossings(scene: Scene, body: Body) -> None:
     if found:
         a, b, place = found[0]
         more = f" (and {counted(len(found) - 1, 'more pair')})" if len(found) > 1 else ""
-        message = (
-            f"jello.{b} begins partly in jello.{a}, at {np.round(place, 3).tolist()}{more}: contact pushes them apart"
-        )
+        where = f"at {np.round(place, 3).tolist()}{more}"
+        message = f"jello.{b} begins partly in jello.{a}, {where}: contact pushes them apart"
         warnings.warn(message, SceneWarning, stacklevel=3)
 
 
 def on_start(scene: Scene, body: Body, v: np.ndarray) -> None:
-    """Warn of jellos that contact throws from their start, by their velocities (N, 3) [m/s] after the first frame, unless
-    another motion or force could have accelerated them."""
+    """Warn of jellos that contact throws from their start, by their velocities (N, 3) [m/s] after the first frame,
+    unless another motion or force could have accelerated them."""
     frame = scene.solver.frame_dt
     moving = any(np.any(collider.moved_rows(0.0, frame)[:, 3:6]) for collider in scene.collider)
     if moving or scene.keyframe or any(not isinstance(f, Grab) for f in scene.force) or not has_support(scene):

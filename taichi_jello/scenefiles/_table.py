@@ -74,8 +74,8 @@ def check_known(name: str) -> None:
 
 
 def changed(scene: Scene, path: Sequence[str], value: Any) -> Scene:
-    """`override` with the key paths of files: `uniform_field.force` belongs to the scene's first uniform field, added if
-    there is none, `uniform_field.1.force` to its second. A list of tables becomes a list of descriptions."""
+    """`override` with the key paths of files: `uniform_field.force` belongs to the scene's first uniform field, added
+    if there is none, `uniform_field.1.force` to its second. A list of tables becomes a list of descriptions."""
     name, *rest = path
     kind = kinds(Force).get(name)
     if kind is None:

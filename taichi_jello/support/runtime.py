@@ -136,7 +136,7 @@ def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None)
             default_fp=getattr(ti, precision),
             cpu_max_num_threads=threads,
             log_level=ti.ERROR,
-            make_cpu_multithreading_loop=False,  # together with the next, heeds a loop's block_dim below 512
+            make_cpu_multithreading_loop=False,  # with these two a loop's block_dim may be below 512
             cpu_block_dim_adaptive=False,
             default_cpu_block_dim=512,
             cfg_optimization=False,  # a third of the compile time, the same speed: LLVM optimises anyway

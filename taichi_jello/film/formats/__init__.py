@@ -1,1 +1,1 @@
-"""What a film can be written as: one file a format, found by looking here."""
+"""Film formats, one per file."""

@@ -1,4 +1,4 @@
-"""H.264 in MP4 by PyAV, with exact times: frame k is shown from k/fps to (k + 1)/fps."""
+"""H.264 in MP4 with PyAV: frame k is shown from k/fps to (k + 1)/fps."""
 
 import os
 import struct
@@ -12,9 +12,9 @@ from taichi_jello.film.writer import FilmProblem, Writer
 
 CODEC: Final = "libx264"
 QUALITY = {"crf": "18", "preset": "veryfast"}
-# A file that plays whenever writing stops, in pieces of a second; when it is closed it becomes an ordinary one.
+# Fragments of one second, so the file plays wherever writing stops; closing makes it an ordinary MP4.
 SAFE = {"movflags": "hybrid_fragmented+delay_moov", "frag_duration": "1000000", "flush_packets": "1"}
-BT709, LIMITED = 1, 1  # of H.273: the colours that players assume of a film, named so that none has to guess
+BT709, LIMITED = 1, 1  # of H.273: the colours that players assume
 
 
 class Mp4(Writer):
@@ -58,7 +58,7 @@ class Mp4(Writer):
             self._container.close()
 
     def mend(self) -> bool:
-        """Cut it after its last whole piece: boxes, each headed by its length, of which an mdat holds the frames."""
+        """Truncate the file after its last whole fragment: after a complete mdat box, which holds frames."""
         whole = start = 0
         data = self.path().read_bytes()
         while start + 8 <= len(data):
