@@ -1,4 +1,4 @@
-"""The command line: each subcommand reads its options, calls one function and prints."""
+"""The command line: one function per subcommand."""
 
 import argparse
 import contextlib
@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import taichi_jello.scenefiles as sceneio
 from taichi_jello.app import energy_plot
@@ -23,24 +22,30 @@ from taichi_jello.run.simulation import Simulation
 from taichi_jello.run.trajectory import Trajectory, last_moment
 from taichi_jello.scene.description import Scene, SceneError
 from taichi_jello.scenefiles._table import changed
-from taichi_jello.studies._report import FIGURES, Lacking, write_csv
-from taichi_jello.studies._report import write_json as write_figures
+from taichi_jello.studies._report import FIGURES, Lacking, write_csv, write_json
 from taichi_jello.support import interrupt, runtime
 from taichi_jello.support.progress import bar
 from taichi_jello.support.wording import counted
 
 
 class Mistake(Exception):
-    """Something in the call that cannot be: one line for the person."""
+    """An error in the call, in one line."""
+
+
+@contextlib.contextmanager
+def mistakes(prefix: str, *kinds: type[Exception]) -> Iterator[None]:
+    """Turn these exceptions into a Mistake that begins with `prefix`."""
+    try:
+        yield
+    except kinds as error:
+        raise Mistake(f"{prefix}{(isinstance(error, OSError) and error.strerror) or error}") from None
 
 
 def make_scene(chosen: argparse.Namespace) -> Scene:
     scene = sceneio.load(chosen.scene)
     for key, value in chosen.settings:
-        try:
+        with mistakes("--set ", SceneError):
             scene = changed(scene, key.split("."), value)
-        except SceneError as error:
-            raise Mistake(f"--set {error}") from None
     return in_color(chosen, scene)
 
 
@@ -49,7 +54,7 @@ def in_color(chosen: argparse.Namespace, scene: Scene) -> Scene:
     return replace(scene, camera=replace(scene.camera, color=color))
 
 
-def step_as_asked(chosen: argparse.Namespace, scene: Scene) -> Simulation:
+def with_step(chosen: argparse.Namespace, scene: Scene) -> Simulation:
     return Simulation(
         scene,
         method=chosen.method,
@@ -63,44 +68,36 @@ def step_as_asked(chosen: argparse.Namespace, scene: Scene) -> Simulation:
 def make_simulation(chosen: argparse.Namespace, scene: Scene) -> Simulation:
     runtime.start(chosen.arch, chosen.precision, chosen.threads)
     try:
-        simulation = step_as_asked(chosen, scene)
+        simulation = with_step(chosen, scene)
     except SceneError as error:
-        if error.key in ("dt", "substeps"):  # which a scene has not at its top
+        if error.key in ("dt", "substeps"):  # options, not top-level keys of a scene
             raise Mistake(f"--{error}") from None
         raise Mistake(str(sceneio.located(chosen.scene, error))) from None
     if chosen.from_state:
-        try:
+        with mistakes(f"--from {chosen.from_state}: ", OSError, ValueError):
             simulation.restore(last_moment(Path(chosen.from_state), simulation.body))
-        except OSError as error:
-            raise Mistake(f"--from {chosen.from_state}: {error.strerror or error}") from None
-        except ValueError as error:
-            raise Mistake(f"--from {chosen.from_state}: {error}") from None
     if simulation.method_told and chosen.command in ("run", "shot", "video"):
         say(chosen, simulation.method_told)
     return simulation
 
 
-def make_run(chosen: argparse.Namespace, scene: Scene) -> tuple[Any, Simulation, float]:
-    """What is to be stepped, what is to be looked at, and how long [s]: the scene's simulation, or with --replay the
-    one that repeats a play."""
+def make_run(chosen: argparse.Namespace, scene: Scene) -> tuple[Simulation | Replayed, Simulation, float]:
+    """What to step, the simulation in it, and the length [s]: with --replay a simulation that repeats a play, else the
+    scene's own."""
     if not chosen.replay:
         simulation = make_simulation(chosen, scene)
         return simulation, simulation, scene.seconds
     if chosen.from_state:
         raise Mistake("--from: a replay begins where its play began; give one of --from and --replay")
     path = Path(chosen.replay)
-    try:
+    with mistakes(f"--replay {path}: ", OSError), mistakes("--replay ", ReplayError, UnicodeDecodeError):
         replay = Replay(path)
         replayed = Replayed(make_simulation(chosen, playable(scene)), replay)
-        return replayed, replayed.simulation, replayed.length * replayed.dt
-    except OSError as error:
-        raise Mistake(f"--replay {path}: {error.strerror or error}") from None
-    except (ReplayError, UnicodeDecodeError) as error:
-        raise Mistake(f"--replay {error}") from None
+    return replayed, replayed.simulation, replayed.length * replayed.dt
 
 
 def output(name: str, *suffixes: str, option: str = "-o") -> Path:
-    """The path of a file to be written, checked before any work is done for it."""
+    """The path of an output file, checked before any work is done."""
     path = Path(name)
     if suffixes and path.suffix not in suffixes:
         raise Mistake(f"{option} {name}: expected a name ending in {' or '.join(suffixes)}")
@@ -111,17 +108,9 @@ def output(name: str, *suffixes: str, option: str = "-o") -> Path:
     if not path.exists():
         try:
             tempfile.TemporaryFile(dir=path.parent).close()
-        except OSError as error:  # a folder of the system's own, a full disk
+        except OSError as error:  # a system folder or a full disk
             raise Mistake(f"{option} {name}: its folder takes no files: {error.strerror}") from None
     return path
-
-
-def write_json(name: str | None, told: Any) -> None:
-    if name:
-        try:
-            Path(name).write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise Mistake(f"--json {name}: {error.strerror}") from None
 
 
 def say(chosen: argparse.Namespace, text: str) -> None:
@@ -156,30 +145,19 @@ def do_run(chosen: argparse.Namespace) -> None:
         raise
     trajectory.save(path)
     energy = ", ".join(f"{name} {value:.4g}" for name, value in simulation.energies().items())
-    say(
-        chosen,
-        f"{path}: {counted(len(trajectory.moments), 'moment')} to {simulation.time:.6g} s; energies [J] {energy}",
-    )
+    moments = counted(len(trajectory.moments), "moment")
+    say(chosen, f"{path}: {moments} to {simulation.time:.6g} s; energies [J] {energy}")
     if chosen.ledger:
         work = ", ".join(f"{name} {joules:.4g}" for name, joules in simulation.work.items())
         say(chosen, f"work [J] {work or 'none'}; residual {simulation.energy_residual:.3g}")
     if plot_path:
-        with plotting(plot_path):
+        with mistakes(f"--plot {plot_path}: ", Lacking):
             energy_plot.draw(trajectory.arrays(), scene.title or chosen.scene, plot_path)
 
 
 @contextlib.contextmanager
-def plotting(path: Path) -> Iterator[None]:
-    """Tell what lacks for a plot as a mistake."""
-    try:
-        yield
-    except Lacking as error:
-        raise Mistake(f"--plot {path}: {error}") from None
-
-
-@contextlib.contextmanager
 def last_good_kept(simulation: Simulation, path: Path) -> Iterator[None]:
-    """If the numbers go bad within, keep the last good state beside `path`."""
+    """If the simulation diverges within, save the last good state beside `path`."""
     try:
         yield
     except Diverged:
@@ -209,26 +187,22 @@ def do_video(chosen: argparse.Namespace) -> None:
     from taichi_jello.film import Film, FilmProblem, Mesh
     from taichi_jello.view.render.film_frames import Clock, Pictures, Skins
 
-    try:
+    with mistakes(f"-o {chosen.output}: ", FilmProblem):
         film = Film(chosen.output, chosen.size, chosen.fps, keep=(KeyboardInterrupt, Diverged))
-    except FilmProblem as error:
-        raise Mistake(f"-o {chosen.output}: {error}") from None
     path = output(chosen.output, film.path.suffix)
     stepped, simulation, seconds = make_run(chosen, make_scene(chosen))
     clock = Clock(stepped, film.rate, chosen.speed)
     count = clock.frames(seconds if chosen.seconds is None else chosen.seconds)
-    try:
+    with mistakes(f"-o {chosen.output}: ", ValueError):
         camera = Skins(simulation) if film.takes is Mesh else Pictures(stepped, chosen.size, chosen.renderer)
-    except ValueError as error:
-        raise Mistake(f"-o {chosen.output}: {error}") from None
     try:
         with last_good_kept(simulation, path.with_name(f"{film.stem}.npz")), contextlib.closing(camera), film:
             for k in bar(range(count), simulation.scene.title, quiet=chosen.quiet):
                 clock.go(k)
                 film.add(camera.take())
     except (KeyboardInterrupt, Diverged):
-        told = f"{path} has the first {film.frames} of {count} frames" if film.kept else "no film is kept"
-        print(f"jello: stopped; {told}", file=sys.stderr)
+        kept = f"{path} has the first {film.frames} of {count} frames" if film.kept else "no film is kept"
+        print(f"jello: stopped; {kept}", file=sys.stderr)
         raise
     say(chosen, f"{path}: {counted(film.frames, 'frame')}, {float(film.frames / film.rate):.4g} s")
 
@@ -237,16 +211,14 @@ def play_in_window(chosen: argparse.Namespace) -> None:
     from taichi_jello.view.window.play import play
 
     def make(scene: Scene) -> Simulation:
-        return step_as_asked(chosen, playable(in_color(chosen, scene)))
+        return with_step(chosen, playable(in_color(chosen, scene)))
 
     stepped, simulation, _ = make_run(chosen, playable(make_scene(chosen)))
     if not chosen.log:
         play(stepped, size=chosen.size, seconds=chosen.seconds, make=make)
         return
-    try:
+    with mistakes(f"--log {chosen.log}: ", OSError):
         recorded = Recorded(simulation, Path(chosen.log))
-    except OSError as error:
-        raise Mistake(f"--log {chosen.log}: {error.strerror or error}") from None
     with contextlib.closing(recorded):
         play(recorded, size=chosen.size, seconds=chosen.seconds, make=make)
     say(chosen, recorded.close())
@@ -276,9 +248,11 @@ def do_play(chosen: argparse.Namespace) -> None:
 def do_explain(chosen: argparse.Namespace) -> None:
     from taichi_jello.run.explain import facts, text
 
-    told = facts(make_simulation(chosen, make_scene(chosen)))
-    write_json(chosen.json, told)
-    say(chosen, text(told))
+    found = facts(make_simulation(chosen, make_scene(chosen)))
+    if chosen.json:
+        with mistakes(f"--json {chosen.json}: ", OSError):
+            Path(chosen.json).write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    say(chosen, text(found))
 
 
 def do_study(chosen: argparse.Namespace) -> None:
@@ -296,53 +270,44 @@ def do_study(chosen: argparse.Namespace) -> None:
     chosen.scene = chosen.scenes[0] if chosen.scenes else None
     if len(chosen.scenes) > 1 and not getattr(study, "MANY", False):
         raise Mistake(f"study {chosen.name}: expected one scene, got {', '.join(chosen.scenes)}")
-    told = study.measure(chosen)
-    say(chosen, study.text(told))
+    result = study.measure(chosen)
+    say(chosen, study.text(result))
     if json_path:
-        write_figures(json_path, told)
+        write_json(json_path, result)
     if csv_path:
-        write_csv(csv_path, study.rows(told))
+        write_csv(csv_path, study.rows(result))
     if plot_path:
-        with plotting(plot_path):
-            study.plot(told, plot_path)
-    if told.get("interrupted"):
+        with mistakes(f"--plot {plot_path}: ", Lacking):
+            study.plot(result, plot_path)
+    if result.get("interrupted"):
         raise KeyboardInterrupt
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command. Exit status: 0 done, 2 a mistake in the call or the scene, 3 the numbers went bad."""
+    """Run one command. Exit status: 0 done, 2 invalid call or scene, 3 diverged, 130 Ctrl-C."""
     warnings.showwarning = lambda message, *_, **__: print(f"jello: warning: {message}", file=sys.stderr)
     with interrupt.heeded():
-        return obeyed(sys.argv[1:] if arguments is None else arguments)
-
-
-def obeyed(arguments: list[str]) -> int:
-    """Do what was asked for. Returns the exit status."""
-    try:
-        parser = options()
-        chosen = parser.parse_args(arguments if arguments else ["play"])
-        if chosen.command is None:
-            parser.error("expected a command")
-        globals()[f"do_{chosen.command}"](chosen)
-    except ReplayError as error:
-        print(f"jello: --replay {error}", file=sys.stderr)
-        return 2
-    except (Mistake, SceneError, runtime.RuntimeProblem) as error:
-        print(f"jello: {error}", file=sys.stderr)
-        return 2
-    except Diverged as error:
-        print(f"jello: {error}", file=sys.stderr)
-        return 3
-    except BrokenPipeError:  # the reader, such as `head`, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except OSError as error:
-        print(f"jello: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    except Exception:
-        if interrupt.asked():  # inside a class, Python makes RuntimeError of it
+        try:
+            parser = options()
+            chosen = parser.parse_args((sys.argv[1:] if arguments is None else arguments) or ["play"])
+            if chosen.command is None:
+                parser.error("expected a command")
+            globals()[f"do_{chosen.command}"](chosen)
+        except (Mistake, SceneError, ReplayError, runtime.RuntimeProblem) as error:
+            print(f"jello: {'--replay ' * isinstance(error, ReplayError)}{error}", file=sys.stderr)
+            return 2
+        except Diverged as error:
+            print(f"jello: {error}", file=sys.stderr)
+            return 3
+        except BrokenPipeError:  # the reader, such as `head`, has seen enough
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        except OSError as error:
+            print(f"jello: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
             return 130
-        raise
-    return 0
+        except Exception:
+            if interrupt.asked():  # Python turns it into RuntimeError inside a class
+                return 130
+            raise
+        return 0

@@ -1,4 +1,4 @@
-"""The grammar of the command line: subcommands, their options, and what values these may have."""
+"""The options of the command line."""
 
 import argparse
 import sys
@@ -18,24 +18,22 @@ class Parser(argparse.ArgumentParser):
         raise SystemExit(2)
 
 
-def positive(text: str) -> float:
+def number(text: str, low: float, expected: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        value = 0.0
-    if not SMALLEST <= value <= LARGEST:
-        raise argparse.ArgumentTypeError(f"expected a number greater than 0, {SMALLEST:g} to {LARGEST:g}, got {text!r}")
+        value = float("nan")
+    if not low <= value <= LARGEST:
+        raise argparse.ArgumentTypeError(f"expected a number {expected}, got {text!r}")
     return value
+
+
+def positive(text: str) -> float:
+    return number(text, SMALLEST, f"greater than 0, {SMALLEST:g} to {LARGEST:g}")
 
 
 def not_negative(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value <= LARGEST:
-        raise argparse.ArgumentTypeError(f"expected a number of at least 0, at most {LARGEST:g}, got {text!r}")
-    return value
+    return number(text, 0.0, f"of at least 0, at most {LARGEST:g}")
 
 
 def count(text: str) -> int:
@@ -74,7 +72,7 @@ def setting(text: str) -> tuple[str, Any]:
 
 
 def options() -> Parser:
-    """The whole grammar."""
+    """The parser of all commands."""
     parser = Parser(prog="jello", description="Real-time mass-spring jello. Without a command: play the cube.")
     parser.add_argument("--version", action="version", version=f"taichi_jello {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
@@ -92,7 +90,7 @@ def options() -> Parser:
     scene.add_argument("--quiet", action="store_true", help="print nothing but errors and warnings")
 
     replay = Parser(add_help=False)
-    replay.add_argument("--replay", metavar="FILE", help="do again what a play recorded with --log")
+    replay.add_argument("--replay", metavar="FILE", help="repeat a play recorded with --log")
 
     drawing = Parser(add_help=False)
     drawing.add_argument("--size", type=picture_size, default=(1280, 720), metavar="WxH")
@@ -107,7 +105,7 @@ def options() -> Parser:
 
     play = add("play", "the interactive window", [scene, drawing, replay], nargs="?", default="cube")
     play.add_argument("--seconds", type=not_negative, metavar="S", help="close the window after that long")
-    play.add_argument("--log", metavar="FILE", help="record what is done in the window, for --replay")
+    play.add_argument("--log", metavar="FILE", help="record the play in the window, for --replay")
     add("list", "the demos, one line each", [])
     run = add("run", "headless physics, written as NPZ", [scene, replay])
     run.add_argument("-o", "--output", required=True, metavar="OUT.npz")
@@ -140,7 +138,7 @@ def options() -> Parser:
 
 
 def studies() -> dict[str, Any]:
-    """The studies there are, by name."""
+    """The modules of the studies by name."""
     from taichi_jello import studies as folder
 
     return {module.__name__.rpartition(".")[2]: module for module in modules(folder)}
