@@ -71,12 +71,8 @@ def setting(text: str) -> tuple[str, Any]:
         return key, value
 
 
-def options() -> Parser:
-    """The parser of all commands."""
-    parser = Parser(prog="jello", description="Real-time mass-spring jello. Without a command: play the cube.")
-    parser.add_argument("--version", action="version", version=f"taichi_jello {__version__}")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
-
+def shared_options() -> tuple[Parser, Parser, Parser]:
+    """The options of simulations, of --replay and of pictures, shared by several commands."""
     scene = Parser(add_help=False)
     scene.add_argument("--method", metavar="NAME", help="integrator, instead of the scene's")
     scene.add_argument("--dt", type=step_size, metavar="auto|S", help="step in seconds, or the largest safe one")
@@ -96,6 +92,15 @@ def options() -> Parser:
     drawing.add_argument("--size", type=picture_size, default=(1280, 720), metavar="WxH")
     drawing.add_argument("--color", choices=COLORS, help="what the springs' colour shows")
     drawing.add_argument("--renderer", type=renderer, default="auto", metavar="NAME", help="auto, ggui or raster")
+    return scene, replay, drawing
+
+
+def options() -> Parser:
+    """The parser of all commands."""
+    parser = Parser(prog="jello", description="Real-time mass-spring jello. Without a command: play the cube.")
+    parser.add_argument("--version", action="version", version=f"taichi_jello {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
+    scene, replay, drawing = shared_options()
 
     def add(name: str, text: str, parents: list[Any], **default_scene: Any) -> Any:
         command = commands.add_parser(name, help=text, description=text, parents=parents)

@@ -13,7 +13,7 @@ from taichi_jello.scene.body import FAMILY_NAMES
 
 def facts(simulation: Simulation) -> dict[str, Any]:
     """The contents of `jello explain` as plain numbers and names."""
-    system, body, bound = simulation.system, simulation.body, simulation.system.bound
+    system, body = simulation.system, simulation.body
     fields: dict[str, dict[str, int]] = defaultdict(dict)
     for owner, name, size in system.memory.fields:
         fields[owner][name] = size
@@ -35,29 +35,36 @@ def facts(simulation: Simulation) -> dict[str, Any]:
         "left_out": [*system.absent, *no_sweep, *system.particles.absent_traits(), *changes.absent],
         "fields": dict(fields),
         "bytes": sum(size for *_, size in system.memory.fields),
-        "bound": {
-            "forces": {
-                title: {
-                    "squared_frequency": rate.squared_frequency,
-                    "damping": rate.damping,
-                    "damping_time": rate.damping_time if np.isfinite(rate.damping_time) else None,
-                }
-                for title, rate in zip(forces, system.rates, strict=True)
-            },
-            "squared_frequency": bound.squared_frequency,
-            "damping": bound.damping,
-            "safety": bound.safety,
-            "safe_dt": bound.dt if np.isfinite(bound.dt) else None,
-            "wild_dt": bound.wild_dt if bound.wild_dt < bound.dt else None,
-        },
+        "bound": _bound(system),
         "method": simulation.method,
         "automatic": system.integrator.automatic,
         "unseen": _unseen(system),
-        "chosen": simulation.choice.reason if simulation.choice else "asked for",
+        "chosen": simulation.choice.reason if simulation.choice else "given",
         "dt": simulation.dt,
         "substeps": simulation.substeps,
         "frame_dt": simulation.frame_dt,
         "in_parts_beyond": nearest if in_parts else None,
+    }
+
+
+def _bound(system: System) -> dict[str, Any]:
+    """What each force contributes to the safe step, and the sum."""
+    bound = system.bound
+    forces = {
+        force.title: {
+            "squared_frequency": rate.squared_frequency,
+            "damping": rate.damping,
+            "damping_time": rate.damping_time if np.isfinite(rate.damping_time) else None,
+        }
+        for force, rate in zip(system.all_forces, system.rates, strict=True)
+    }
+    return {
+        "forces": forces,
+        "squared_frequency": bound.squared_frequency,
+        "damping": bound.damping,
+        "safety": bound.safety,
+        "safe_dt": bound.dt if np.isfinite(bound.dt) else None,
+        "wild_dt": bound.wild_dt if bound.wild_dt < bound.dt else None,
     }
 
 

@@ -95,8 +95,8 @@ class Watched(ABC):
 
 
 class Recorded(Watched):
-    """A simulation whose CALLS are written to a file as they are made, so that even a play that is killed can be
-    replayed up to there."""
+    """A simulation whose CALLS are written to a file as they are made: a play that is killed can be replayed up to
+    there."""
 
     def __init__(self, simulation: Simulation, path: Path):
         super().__init__(simulation, path)

@@ -87,7 +87,7 @@ def on_start(scene: Scene, body: Body, v: np.ndarray) -> None:
     held = np.isin(np.arange(len(mass)), body.jello[body.pinned])
     for j in np.flatnonzero((after - before > gained) & (at_rest | ~held)):
         warnings.warn(
-            f"jello.{j} comes to {after[j]:.2g} m/s within the first frame: what begins inside the "
+            f"jello.{j} reaches {after[j]:.2g} m/s within the first frame: what begins inside the "
             "ground or another jello, or nearer to a sheet or rope than these are thick, is thrown out",
             SceneWarning,
             stacklevel=4,

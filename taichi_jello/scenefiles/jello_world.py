@@ -92,17 +92,20 @@ def load(path: Path) -> Scene:
 
     low, high = (-2.0, -2.0, -2.0), (2.0, 2.0, 2.0)
     collider: list[Collider] = [Room(min=low, max=high)]
-    if has_plane:  # facing the side on which the cube starts
-        normal = np.array(plane[:3])
-        point = -plane[3] * normal / (normal @ normal)
-        facing = normal if normal @ x.mean(0) + plane[3] >= 0.0 else -normal
-        collider.append(Plane(point=tuple(point.tolist()), normal=tuple(facing.tolist())))
     return Scene(
         title=path.stem,
         gravity=(0.0, 0.0, 0.0),
         solver=Solver(method=method, dt=dt, frame_dt=dt * every),
         contact=Contact(stiffness=contact_stiffness, damping=contact_damping, friction=0.0),
-        collider=collider,
+        collider=collider + ([_inclined(plane, x.mean(0))] if has_plane else []),
         force=[GridField(values=field.reshape(*[resolution] * 3, 3), min=low, max=high)] if field.any() else [],
         jello=[Box(points=(POINTS,) * 3, mass=mass * POINTS**3, stiffness=stiffness, damping=damping, x=x, v=v)],
     )
+
+
+def _inclined(plane: list[float], start: np.ndarray) -> Plane:
+    """The plane, facing the side of `start` (3,) [m]."""
+    normal = np.array(plane[:3])
+    point = -plane[3] * normal / (normal @ normal)
+    facing = normal if normal @ start + plane[3] >= 0.0 else -normal
+    return Plane(point=tuple(point.tolist()), normal=tuple(facing.tolist()))

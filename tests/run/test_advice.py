@@ -51,7 +51,7 @@ def test_a_jello_too_heavy_for_its_contact_springs():
 def test_jellos_that_are_thrown_out_of_where_they_begin():
     small = {"points": (3, 3, 3), "position": (0.0, 0.3, 0.0)}
     (words,) = told(Scene(jello=[Box(**small)], **FALLING))
-    assert words.startswith("jello.0 comes to ") and "begins inside the ground or another jello" in words
+    assert words.startswith("jello.0 reaches ") and "begins inside the ground or another jello" in words
     sheets = [Sheet(points=(5, 5), size=(1.0, 1.0), position=(0.0, y, 0.0)) for y in (1.0, 1.05)]
     assert len(told(Scene(jello=sheets, contact=HARD))) == 2
     rope = Rope(points=9, length=1.0, position=(0.0, 3.0, 0.0))  # crossed ropes throw each other's middles apart
