@@ -7,7 +7,7 @@ import numpy as np
 
 from taichi_jello.physics.forces._base import Rates
 from taichi_jello.physics.system import System
-from taichi_jello.run.simulation import Simulation
+from taichi_jello.run.simulation import AUTOMATIC, Simulation
 from taichi_jello.scene.body import FAMILY_NAMES
 
 
@@ -23,7 +23,7 @@ def facts(simulation: Simulation) -> dict[str, Any]:
     changes, traits = system.changes, system.particles.traits()
     # With automatic steps, jellos that approach by more than this [m] a step make the step be taken in parts.
     nearest = min((force.nearest for force in system.mutual), default=np.inf)
-    in_parts = simulation.asked_step == ("auto", None) and np.isfinite(nearest)
+    in_parts = simulation.asked_step == AUTOMATIC and np.isfinite(nearest)
     return {
         "title": simulation.scene.title,
         "arch": system.owner.arch,

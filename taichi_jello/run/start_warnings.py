@@ -80,11 +80,10 @@ def on_start(scene: Scene, body: Body, v: np.ndarray) -> None:
     strained = body.jello[body.springs[:, 0]][np.abs(length - body.rest_length) > MAX_STRAIN * body.rest_length]
     changed = [bool(jello.keyframe) or any(pin.keyframe for pin in jello.pin) for jello in scene.jello]
     at_rest = ~np.isin(np.arange(len(scene.jello)), strained) & ~np.array(changed)
-    mass = np.bincount(body.jello, body.mass)
-    before, after = (np.where(at_rest, rms_speed(body, u, mass), speed(body, u, mass)) for u in (body.v, v))
+    before, after = speeds(body, body.v, at_rest), speeds(body, v, at_rest)
     # 2 max(before): what the fastest jello can give to a light one.
     gained = MAX_GAIN + 2.0 * frame * float(np.linalg.norm(scene.gravity)) + 2.0 * float(before.max())
-    held = np.isin(np.arange(len(mass)), body.jello[body.pinned])
+    held = np.isin(np.arange(len(at_rest)), body.jello[body.pinned])
     for j in np.flatnonzero((after - before > gained) & (at_rest | ~held)):
         warnings.warn(
             f"jello.{j} reaches {after[j]:.2g} m/s within the first frame: what begins inside the "
@@ -94,11 +93,9 @@ def on_start(scene: Scene, body: Body, v: np.ndarray) -> None:
         )
 
 
-def rms_speed(body: Body, v: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """(J,) [m/s] mass-weighted rms speed of the particles (N, 3) of each jello of `mass` (J,)."""
-    return np.sqrt(np.bincount(body.jello, body.mass * (v * v).sum(1)) / mass)
-
-
-def speed(body: Body, v: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """(J,) [m/s] speed of the centre of mass of each jello of `mass` (J,)."""
-    return np.linalg.norm([np.bincount(body.jello, body.mass * v[:, axis]) / mass for axis in range(3)], axis=0)
+def speeds(body: Body, v: np.ndarray, rms: np.ndarray) -> np.ndarray:
+    """(J,) [m/s] the mass-weighted rms speed of the particles, moving at v (N, 3), of each jello with `rms` (J,) bool,
+    and the speed of the centre of mass of the others."""
+    mass = np.bincount(body.jello, body.mass)
+    centre = np.linalg.norm([np.bincount(body.jello, body.mass * v[:, axis]) / mass for axis in range(3)], axis=0)
+    return np.where(rms, np.sqrt(np.bincount(body.jello, body.mass * (v * v).sum(1)) / mass), centre)

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 FAMILY_NAMES = ("structural", "shear", "bend", "other")
+CORNERS = np.array(list(np.ndindex(2, 2, 2)))  # of a cell, in steps along its x, y and z
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,8 +18,7 @@ class Body:
     springs (S, 2): particle pairs, the lower index first; rest_length, stiffness, damping (S,); family (S,): index in
     FAMILY_NAMES; direction (S, 3): unit vector between the rest positions, along which a spring of zero length pushes.
     surface (T, 3): outward, counter-clockwise triangles.
-    cells (C, 8): corners of the hexahedra that fill a solid, corner 4a + 2b + c at a, b, c ∈ {0, 1} steps along its x,
-    y and z; none for a sheet or a rope.
+    cells (C, 8): corners, in the order of CORNERS, of the hexahedra that fill a solid; none for a sheet or a rope.
 
     A jello may have a finer skin of V points embedded in its cells. It is then drawn, grabbed and touched in place of
     `surface`. skin_corners (V, 8): corners of the cell around each point, ordered as in cells; skin_weights (V, 8):

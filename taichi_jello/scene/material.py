@@ -14,13 +14,12 @@ from itertools import combinations
 
 import numpy as np
 
-from taichi_jello.scene.body import Body
+from taichi_jello.scene.body import CORNERS, Body
 from taichi_jello.scene.description import Jello
 from taichi_jello.scene.validation import SceneError
 
 BEND_SHARE = 0.2  # of the stiffness along an axis
 BODY_DIAGONALS = 9.0 / 7.0  # of μ, in C: makes k of face and body diagonals of a cubic cell equal
-CORNERS = np.array(list(np.ndindex(2, 2, 2)))
 
 
 def spring_constants(sides: np.ndarray, young: float) -> dict[tuple[int, ...], float]:

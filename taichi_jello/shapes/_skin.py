@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from taichi_jello.scene.body import Body
+from taichi_jello.scene.body import CORNERS, Body
 from taichi_jello.scene.description import Jello
 from taichi_jello.shapes.lattice import body_of, corners, hexahedra
 
 MIN_SHARE = 0.5  # of a whole cell's mass at each particle: a lighter one would dictate the step
 MAX_EDGE = 0.6  # of a cell: longest edge of a skin that still bends with its cells
-CORNERS = np.array(list(np.ndindex(2, 2, 2)))
 
 
 def skinned_body(
