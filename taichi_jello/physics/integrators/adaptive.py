@@ -7,7 +7,7 @@ import taichi as ti
 
 from taichi_jello.physics.adaptive.adaptive_stepper import AdaptiveStepper
 from taichi_jello.physics.integrators.rk4 import RK4
-from taichi_jello.physics.integrators.sdirk2 import GAMMA, SDIRK2
+from taichi_jello.physics.integrators.sdirk2 import SDIRK2
 
 
 @ti.data_oriented
@@ -16,30 +16,15 @@ class Adaptive(SDIRK2):
     costs no more. It does not repeat steps in which contacts change: it halves those that are inaccurate."""
 
     name, order = "adaptive", 2
-    fixed_step = False
+    fixed_step = repeats_steps = False
+    pushes = True
     automatic = "a frame, cut where the motion asks for it"
 
     def allocate(self) -> None:
         super().allocate()
         self.explicit = RK4(self.memory, self.state, self.damped, self.body)
-        self.push = self.memory.vectors(self.name, "push")  # [m/s²] beside the forces, constant within a step
+        self.push = self.memory.vectors(self.name, "push")
         self.past: dict[str, np.ndarray] = {}  # see AdaptiveStepper
-
-    def use_forces(self, forces: tuple[Any, ...]) -> None:
-        self.explicit.use_forces(forces)
-
-    @ti.func
-    def stage(self, system, first, last, s, t, dt):
-        """As in SDIRK2, but never repeated; the push is part of both accelerations."""
-        for i in range(first, last):
-            x, v = self.state.x[i], self.state.v[i]
-            if s == 1:
-                v1 = self.solver.at.v[i]
-                x += (1.0 - GAMMA) * dt * v1
-                v += (1.0 - GAMMA) / GAMMA * (v1 - v)
-            self.solver.z[i] = x
-            self.solver.w[i] = self.solver.at.v[i] = v + GAMMA * dt * self.push[i]
-        self.solver.start(system, first, last, GAMMA * dt, t + (GAMMA + s * (1.0 - GAMMA)) * dt)
 
     @ti.kernel
     def set_push(self, push: ti.types.ndarray()):

@@ -19,14 +19,12 @@ class BDF2(Implicit):
 
     name, order = "bdf2", 2
     share = 2.0 / 3.0
+    repeats_steps = True
 
     def allocate(self) -> None:
         super().allocate()
         self.before = State.made_in(self.memory, "step before")
         self.knows = self.memory.table(self.name, "knows the step before", np.zeros(1, np.int32))
-
-    def use_forces(self, forces: tuple[Any, ...]) -> None:
-        self.watch_contacts(forces)
 
     def prepare(self, system: Any, dt: float) -> None:
         if dt != self.last_dt:
@@ -37,8 +35,7 @@ class BDF2(Implicit):
         found = super().remembered()
         if not self.knows[0]:
             return found
-        x, v = np.zeros((2, self.memory.particles, 3), self.memory.number)
-        self._read(x, v)
+        x, v = (field.to_numpy()[self._own_places()] for field in (self.before.x, self.before.v))
         return found | {"before.x": x, "before.v": v, "before.dt": np.array(self.last_dt)}
 
     def recall(self, memory: dict[str, np.ndarray]) -> None:
@@ -47,19 +44,14 @@ class BDF2(Implicit):
         if self.knows[0]:
             self.last_dt = float(memory["before.dt"])
             self.prepared = False
-            self._write(*(np.ascontiguousarray(memory[f"before.{name}"], self.memory.number) for name in "xv"))
+            for field, name in ((self.before.x, "before.x"), (self.before.v, "before.v")):
+                values = np.zeros((*field.shape, 3), self.memory.number)
+                values[self._own_places()] = memory[name]
+                field.from_numpy(values)
 
-    @ti.kernel
-    def _read(self, x: ti.types.ndarray(), v: ti.types.ndarray()):
-        for i in range(x.shape[0]):
-            for axis in ti.static(range(3)):
-                x[i, axis], v[i, axis] = self.before.x[i][axis], self.before.v[i][axis]
-
-    @ti.kernel
-    def _write(self, x: ti.types.ndarray(), v: ti.types.ndarray()):
-        for i in range(x.shape[0]):
-            for axis in ti.static(range(3)):
-                self.before.x[i][axis], self.before.v[i][axis] = x[i, axis], v[i, axis]
+    def _own_places(self) -> slice:
+        """Of the particles in the array of a field, which begins with the guard."""
+        return slice(self.memory.guard, self.memory.guard + self.memory.particles)
 
     @ti.func
     def stage(self, system, first, last, s, t, dt):

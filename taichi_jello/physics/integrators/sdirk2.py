@@ -22,9 +22,9 @@ class SDIRK2(Implicit):
     name, order = "sdirk2", 2
     share = GAMMA
     stages = 2
-
-    def use_forces(self, forces: tuple[Any, ...]) -> None:
-        self.watch_contacts(forces)
+    repeats_steps = True
+    pushes = False  # whether there are accelerations `push` [m/s²] besides those by forces, constant within a step
+    push: Any
 
     @ti.func
     def stage(self, system, first, last, s, t, dt):
@@ -44,6 +44,8 @@ class SDIRK2(Implicit):
                 v1 = self.solver.at.v[i]
                 x += (1.0 - GAMMA) * dt * v1
                 v += (1.0 - GAMMA) / GAMMA * (v1 - v)  # (1-γ) dt A₁
+            if ti.static(self.pushes):
+                v += GAMMA * dt * self.push[i]
             if solves:
                 self.solver.z[i] = x
                 self.solver.w[i] = self.solver.at.v[i] = v

@@ -74,9 +74,9 @@ class XPBD(Integrator):
         memory = self.memory
         self.holding, self.pushing = holding_and_pushing(forces)
         self.springs: Any = next((f for f in forces if f.couples), None)
-        parts: list[tuple[Any, int]] = [(self.push, 1)]  # and the number of stages of each
+        self.colors, parts = 0, [(self.push, 1)]  # and the number of stages of each
         if self.springs:
-            self.colors = self._list_springs(self.springs)
+            self._list_springs(self.springs)
             self.spin = Spin(memory, self.body)
             self.budget = Budget(memory, self.body, self.springs, self.spin)
             parts += [(self.sweep, self.colors), (self.correct_spin, int(self.spin.wanted)), (self.limit, ATTEMPTS)]
@@ -89,16 +89,15 @@ class XPBD(Integrator):
         self.parts = tuple((part, end - n, end) for (part, n), end in zip(parts, ends, strict=True) if n)
         self.stages = ends[-1]
 
-    def _list_springs(self, springs: Any) -> int:
-        """Make a table of springs sorted by color, with both ends and the place of the material; return the number of
-        colors."""
+    def _list_springs(self, springs: Any) -> None:
+        """Make a table of springs sorted by color, with both ends and the place of the material."""
         color = colored(self.body.springs, len(self.body))
         order = np.lexsort([self.body.springs[:, 0], color])
         rows = np.column_stack([self.body.springs, springs.of_spring])[order]
         self.list = self.memory.table(self.name, "springs by color", rows.astype(np.int32))
         starts = np.searchsorted(color[order], np.arange(color.max() + 2))
         self.start = self.memory.table(self.name, "starts of colors", starts.astype(np.int32))
-        return int(color.max()) + 1
+        self.colors = len(starts) - 1
 
     def remembered(self) -> dict[str, np.ndarray]:
         return {"xpbd.turns": np.array(1)} if self.parity[0] else {}
@@ -120,7 +119,7 @@ class XPBD(Integrator):
     def push(self, system, first, last, n, t, dt):
         """v += dt f/m with the forces at the start of the step."""
         system.wait_for_team()  # until x and v are complete
-        if ti.static(self.springs is not None):
+        if ti.static(self.colors > 0):
             self.budget.begin(system, first, last)
         self.prepare_for(self.pushing, system, first, last, self.state.x, t)
         for i in range(first, last):
@@ -128,7 +127,7 @@ class XPBD(Integrator):
             for force in ti.static(self.pushing):
                 total += force.on(i, self.state.x, self.state.v, t)
             self.state.v[i] = self.state.v[i] + dt * system.particles.inverse_mass(i) * total
-            if ti.static(self.springs is not None):
+            if ti.static(self.colors > 0):
                 self.before[i] = self.state.v[i]
 
     @ti.func

@@ -1,15 +1,13 @@
 """The removal of energy that a pass of XPBD over the springs of a crushed jello feeds.
 
-A pass solves each spring by itself and minimises nothing. As long as no spring is much shorter than its rest length the
-energy falls all the same. But a spring crushed to about half its length pushes far and turns easily. Where such springs
-hold much of the energy and the step does not resolve them, kinetic + elastic energy grows: by a factor of 1.4 to 4 for
-a cube that starts flat or squashed, of 2 to 4 with one step a frame.
+A pass solves each spring by itself. Where springs crushed to about half their length hold much of the energy and the
+step does not resolve them, kinetic + elastic energy grows: by a factor of 1.4 to 4 for a cube that starts flat.
 
 So the pass gets a budget (like Su, Sheth & Fedkiw 2013, "Energy conservation for the simulation of deformable bodies"):
 the kinetic energy before it, which contains the work of external forces, and the elastic energy at the start of the
 step. While the kinetic energy after it and the elastic energy at x + dt v exceed the budget, the deforming part of v is
-reduced, to zero in the last attempt. The rigid part, which carries momentum and angular momentum, stays; of a jello
-with pins all is reduced. The work of handles on springs is not counted.
+reduced, to zero in the last attempt. The rigid part stays; of a jello with pins all is reduced. The work of handles on
+springs is not counted.
 """
 
 from typing import Any

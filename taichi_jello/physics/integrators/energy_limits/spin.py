@@ -2,8 +2,7 @@
 
 Impulses along the springs' directions at the end of a step, x + dt v, have a torque about the positions x at its start.
 The step ends with L' = Σ x' × m v' = Σ x × m v', so the error is Σ x × m Δv. The smallest motion that carries it is
-ω × (x - centre of mass), ω = I⁻¹ Σ x × m Δv. Without this correction a stiff cube that is twisted and let go begins to
-spin, the faster the shorter the step, since it takes its shape within one step.
+ω × (x - centre of mass), ω = I⁻¹ Σ x × m Δv. Uncorrected, a stiff cube that is twisted and let go begins to spin.
 """
 
 from itertools import pairwise

@@ -22,8 +22,7 @@ from taichi_jello.scene.body import Body
 DONE, LINEARISE, EVALUATE, CONJUGATE = range(4)  # modes: what the next turn does
 # Phases: what the last turn has found. Between NEW_SYSTEM and ITERATING conjugate gradients need a direction.
 STARTING, ACCEPTED, NEW_SYSTEM, ITERATING, TOO_FAR, CONVERGED = range(6)
-DOT, MOTION, DISTANCE = range(3)  # columns of the sums: a · b, and the largest displacement and distance [m]
-NOTHING, RESIDUAL, STEP = range(3)  # what displaces particles in MOTION
+NOTHING, RESIDUAL, STEP = range(3)  # what displaces particles
 
 MAX_ITERATIONS = 30  # Newton steps of a solve
 MAX_PRODUCTS = 200  # with H in a Newton step
@@ -47,10 +46,8 @@ class Newton:
     def __init__(self, memory: Memory, body: Body):
         self.memory, self.accuracy = memory, 1e-3 if memory.owner.precision == "f32" else 1e-9
         self.at = State.made_in(memory, "solve")
-        self.z, self.w, self.a = (memory.vectors("solve", name) for name in "zwa")
-        self.r, self.d, self.p, self.q, self.s, self.base = (
-            memory.vectors("solve", name) for name in ("r", "d", "p", "q", "s", "v before")
-        )
+        self.z, self.w, self.a, self.base = (memory.vectors("solve", name) for name in ("z", "w", "a", "v before"))
+        self.r, self.d, self.p, self.q, self.s = (memory.vectors("solve", name) for name in "rdpqs")
         self.block = memory.vectors("solve", "block", 2)
         self.sums = memory.table("solve", "sums", np.zeros((memory.passes, 3)))
         self.mode = memory.table("solve", "mode", np.zeros(1, np.int32))
@@ -148,8 +145,8 @@ class Newton:
     @ti.func
     def judge(self):
         """Accept the step, shorten it, or end the solve."""
-        slope, slope_before = self.dot(), self.now.fraction[0] * self.now.slope[0]
-        displacement = self.largest(MOTION)  # by the residual alone
+        slope, displacement, _ = self.total()  # the displacement is that by the residual alone
+        slope_before = self.now.fraction[0] * self.now.slope[0]
         self.now.evaluations[0] += 1
         if slope < -OVERSHOOT * slope_before and self.now.backtracks[0] < MAX_BACKTRACKS:
             self.now.phase[0] = TOO_FAR
@@ -196,9 +193,9 @@ class Newton:
         self.product(system, first, last, self.p, self.q)
         self.add_up(system, first, last, self.p, self.q, NOTHING)
         if serial(first, last):
-            alpha = self.now.rho[0] / self.dot()
-            self.now.alpha[0] = alpha
-            self.now.slope[0] += alpha * self.now.rho[0]  # d · r with the r at the start of the Newton step
+            curvature, _, _ = self.total()
+            self.now.alpha[0] = self.now.rho[0] / curvature
+            self.now.slope[0] += self.now.alpha[0] * self.now.rho[0]  # d · r with the r at the start of the Newton step
             self.now.products[0] += 1
             self.now.phase[0] = ITERATING
         system.wait_for_team()
@@ -247,7 +244,7 @@ class Newton:
     @ti.func
     def choose_direction(self):
         """Continue conjugate gradients with β = ρ/ρ₋, ρ = r · s, or take the Newton step."""
-        rho = self.dot()
+        rho, displacement, distance = self.total()
         if self.now.phase[0] == NEW_SYSTEM:
             self.now.beta[0], self.now.slope[0], self.now.fraction[0] = 0.0, 0.0, 1.0
             self.now.target[0] = FORCING * FORCING * rho
@@ -258,14 +255,14 @@ class Newton:
             self.now.products_here[0] += 1
             if not (rho > self.now.target[0]) or self.now.products_here[0] == MAX_PRODUCTS:
                 self.mode[0] = EVALUATE
-                self.end_if_small(self.largest(MOTION))
+                self.end_if_small(displacement, distance)
         self.now.rho[0] = rho
 
     @ti.func
-    def end_if_small(self, displacement):
-        """Make a Newton step of this size [m] the last one if it is small or if steps no longer reduce the residual."""
+    def end_if_small(self, displacement, distance):
+        """Make a Newton step of this displacement [m] the last one if it is small or if steps no longer gain energy."""
         if self.now.iterations[0] == 1:
-            self.now.resolution[0] = self.now.roundoff[0] * self.largest(DISTANCE)
+            self.now.resolution[0] = self.now.roundoff[0] * distance
             self.now.tolerance[0] = ti.max(self.now.resolution[0], self.now.accuracy[0] * displacement)
             self.now.largest_gain[0], self.now.least_gain[0] = 0.0, 4.0 * self.now.slope[0]
             self.now.stagnant[0] = 0
@@ -323,15 +320,10 @@ class Newton:
         system.wait_for_team()
 
     @ti.func
-    def dot(self):
-        total = ti.cast(0.0, float)
+    def total(self):
+        """Σ a · b, the largest displacement, and the largest distance from the origin, over all passes."""
+        dot, motion, distance = ti.cast(0.0, float), ti.cast(0.0, float), ti.cast(0.0, float)
         for pass_ in range(self.memory.passes):
-            total += self.sums[pass_][DOT]
-        return total
-
-    @ti.func
-    def largest(self, column: ti.template()):
-        found = ti.cast(0.0, float)
-        for pass_ in range(self.memory.passes):
-            found = ti.max(found, self.sums[pass_][column])
-        return found
+            dot += self.sums[pass_][0]
+            motion, distance = ti.max(motion, self.sums[pass_][1]), ti.max(distance, self.sums[pass_][2])
+        return dot, motion, distance

@@ -3,16 +3,12 @@
 L is the graph Laplacian of the network with the weights k + damping/c. In every configuration H ≼ A ⊗ I₃ (see
 stable_step.py). A is constant, and has one number for each pair of particles, the same for x, y and z.
 
-Each jello has a coarse grid over its rest shape. A displacement that P interpolates from the nodes, trilinearly, is
-solved for with the inverse of A꜀ = Pᵀ A P; the rest is left to the diagonal D of A: s = D⁻¹ r + P A꜀⁻¹ Pᵀ r (two levels
-of Bramble, Pasciak & Xu 1990). At 8³ and 16³ particles this takes as many iterations as the exact A⁻¹, for a hundredth
-of its work. A cube of 8³ particles comes within 1 % of a converged step in 20 passes over the springs; with 3×3
-diagonal blocks alone it takes 384. L-BFGS with the same two levels takes a third of the passes, but does not converge
-where the dashpots and friction of an impact make the force jump.
+Each jello has a coarse grid over its rest shape, and P interpolates displacements from its nodes, trilinearly. With the
+diagonal D of A and A꜀ = Pᵀ A P, s = D⁻¹ r + P A꜀⁻¹ Pᵀ r (two levels of Bramble, Pasciak & Xu 1990). This takes as
+many iterations as the exact A⁻¹: with 8³ particles 20 to come within 1 % of a step, where 3×3 diagonal blocks take 384.
 
-A resists all directions alike, H may not. A particle that stiff springs hold along one line only is free across it, and
-each such freedom would cost conjugate gradients iterations: in sheets, ropes and bodies with stiff parts. There D
-consists of the 3×3 diagonal blocks of H itself, updated with H.
+A resists all directions alike, H may not: stiff springs along one line leave a particle free across it, as in sheets,
+ropes and bodies with stiff parts. There D consists of the 3×3 diagonal blocks of H itself, updated with H.
 """
 
 from typing import Any
