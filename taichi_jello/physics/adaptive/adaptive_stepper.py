@@ -39,8 +39,9 @@ class AdaptiveStepper:
     def __init__(self, system: Any, integrator: Any):
         self.system, self.integrator, self.body = system, integrator, integrator.body
         self.implicit, self.explicit = Stepper(system, integrator), Stepper(system, integrator.explicit)
-        self._pushed, self._rates, self.explicit_dt = False, None, 0.0
-        self.whole = RigidMotion.of_body(self.body)
+        self._pushed, self.explicit_dt = False, 0.0  # [s] the safe step of RK4 with the forces of `_rates`
+        self._rates: list[Any] = []
+        self.whole = RigidMotion(self.body.jello, self.body.mass[:, None])
         self.flight = FreeFlight(system, self.body, self.whole)
         rest, first = self.body.rest, self.whole.first
         self.size = np.maximum(np.ptp([f.reduceat(rest, first) for f in (np.minimum, np.maximum)], axis=0).max(1), 1e-6)

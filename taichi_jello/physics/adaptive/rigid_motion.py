@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichi_jello.scene.body import Body
-
 MIN_INERTIA = 1e-9  # of a jello's inertia: what a rope gets about itself
 ISOTROPIC = 1e-4  # of the trace of the inertia: an inertia that deviates less is that of a cube
 MAX_TURN, MAX_PARTS = 0.05, 200  # radians in a part of a free rotation, and parts
@@ -40,10 +38,6 @@ class RigidMotion:
         self.owner, self.each = owner, each
         self.first = np.searchsorted(owner, np.arange(int(owner[-1]) + 1))
         self.mass = np.add.reduceat(self.each, self.first)
-
-    @classmethod
-    def of_body(cls, body: Body) -> "RigidMotion":
-        return cls(body.jello, body.mass[:, None])
 
     @classmethod
     def of_one(cls, each: np.ndarray) -> "RigidMotion":

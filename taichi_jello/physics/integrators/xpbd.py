@@ -75,16 +75,16 @@ class XPBD(Integrator):
         self.holding, self.pushing = holding_and_pushing(forces)
         self.springs: Any = next((f for f in forces if f.couples), None)
         self.colors, parts = 0, [(self.push, 1)]  # and the number of stages of each
+        if self.springs or self.holding:
+            self.before = memory.vectors(self.name, "v before")
         if self.springs:
             self._list_springs(self.springs)
-            self.spin = Spin(memory, self.body)
-            self.budget = Budget(memory, self.body, self.springs, self.spin)
-            parts += [(self.sweep, self.colors), (self.correct_spin, int(self.spin.wanted)), (self.limit, ATTEMPTS)]
+            spin = Spin(memory, self.body, self.state, self.before)
+            self.budget = Budget(memory, self.body, self.springs, spin)
+            parts += [(self.sweep, self.colors), (spin.correct, int(spin.wanted)), (self.budget.limit, ATTEMPTS)]
         if self.holding:
             parts.append((self.settle, SETTLE_ROUNDS))
             self.ahead, self.change = (memory.vectors(self.name, name) for name in ("x ahead", "change of v"))
-        if self.springs or self.holding:
-            self.before = memory.vectors(self.name, "v before")
         ends = np.cumsum([count for _, count in parts]).tolist()
         self.parts = tuple((part, end - n, end) for (part, n), end in zip(parts, ends, strict=True) if n)
         self.stages = ends[-1]
@@ -157,14 +157,6 @@ class XPBD(Integrator):
         impulse = dt * s / (1.0 + dt * rate * (a + b)) * d
         self.state.v[i] = self.state.v[i] + a * impulse
         self.state.v[j] = self.state.v[j] - b * impulse
-
-    @ti.func
-    def correct_spin(self, system, first, last, n, t, dt):
-        self.spin.correct(system, first, last, self.state.x, self.state.v, self.before)
-
-    @ti.func
-    def limit(self, system, first, last, n, t, dt):
-        self.budget.limit(system, first, last, self.state.x, self.state.v, self.before, dt, n)
 
     @ti.func
     def settle(self, system, first, last, n, t, dt):

@@ -35,6 +35,7 @@ class Budget:
 
     def __init__(self, memory: Memory, body: Body, springs: Any, spin: Spin):
         self.springs, self.spin, self.epsilon = springs, spin, ROUNDING * memory.owner.epsilon
+        self.x, self.v, self.before = spin.x, spin.v, spin.before
         rows, starts = chunks(spans(body))
         self.count, self.jellos = len(rows), len(starts) - 1
         jello = np.pad(body.jello, (0, memory.padded - len(body)), mode="edge")
@@ -58,8 +59,8 @@ class Budget:
             self.over[self.jello[i]] = 1  # several threads may write the same
 
     @ti.func
-    def limit(self, system, first, last, x, v, before, dt, n):
-        """Attempt n: reduce the deforming part of v in jellos with more energy than at the velocities `before`."""
+    def limit(self, system, first, last, n, t, dt):
+        """Attempt n, a stage of XPBD: reduce the deforming part of v in jellos that have gained energy."""
         system.wait_for_team()  # until v is complete
         for p in range(first // system.lanes, (last + system.lanes - 1) // system.lanes):
             start = p * system.lanes
@@ -68,7 +69,7 @@ class Budget:
             for g in range(self.jello[start], self.jello[end - 1] + 1):
                 wanted = wanted | self.over[g]
             if wanted:
-                self.measure(system, start, end, x, v, before, dt)
+                self.measure(system, start, end, dt)
         system.wait_for_team()
         for k in range(system.share_of(first, self.count), system.share_of(last, self.count)):
             if self.over[self.chunks[k][2]]:
@@ -83,8 +84,8 @@ class Budget:
         system.wait_for_team()
         for i in range(first, last):
             if self.over[self.jello[i]] and system.particles.inverse_mass(i) > 0.0:
-                rigid = self.rigid(i, x)
-                v[i] = rigid + self.scale[self.jello[i]] * (v[i] - rigid)
+                rigid = self.rigid(i)
+                self.v[i] = rigid + self.scale[self.jello[i]] * (self.v[i] - rigid)
 
     @ti.func
     def judge(self, g, n):
@@ -99,15 +100,15 @@ class Budget:
         self.scale[g] = ti.select(n == ATTEMPTS - 1, 0.0, ti.sqrt(left))
 
     @ti.func
-    def rigid(self, i, x):
+    def rigid(self, i):
         """The part of a particle's velocity that stays."""
         velocity = ti.Vector([0.0, 0.0, 0.0])
         if ti.static(self.spin.wanted):
-            velocity = self.spin.rigid(i, x)
+            velocity = self.spin.rigid(i)
         return velocity
 
     @ti.func
-    def measure(self, system, first, last, x, v, before, dt):
+    def measure(self, system, first, last, dt):
         """The shares of the particles first … last - 1 of a pass; each spring counts for the first of its ends.
         Vectorised like Springs.on_pass."""
         gain, exchanged = self.springs.Lanes(0.0), self.springs.Lanes(0.0)
@@ -118,46 +119,46 @@ class Budget:
                 for start in ti.static(range(0, system.lanes, VECTORS)):
                     for lane in range(start, ti.static(min(start + VECTORS, system.lanes))):
                         i = first + lane
-                        stored, had, crushed = self.stored(system, material, i, i + shift, x, v, dt)
+                        stored, had, crushed = self.stored(system, material, i, i + shift, dt)
                         has = (mask >> ((first & (LANES - 1)) + lane)) & 1
                         gain[lane] += ti.select(has, stored, 0.0)
                         exchanged[lane] += ti.select(has, ti.abs(stored), 0.0)
                         in_crushed[lane] += ti.select(has, crushed, 0.0)
                         elastic[lane] += ti.select(has, had, 0.0)
         for i in range(first, last):
-            gained, deforming = self.kinetic(system, i, x, v, before)
+            gained, deforming = self.kinetic(system, i)
             n = i - first
             self.shares[i] = ti.Vector(
                 [gain[n] + gained, exchanged[n] + ti.abs(gained), deforming, in_crushed[n], elastic[n]]
             )
 
     @ti.func
-    def stored(self, system, material, i, j, x, v, dt):
+    def stored(self, system, material, i, j, dt):
         """The energy [J] that the spring from i to j stores in this step, what it had, and that again if it is crushed.
 
         ½ k (L'-R)² - ½ k (L-R)² is computed as force times displacement, without cancellation."""
         m = self.springs.materials[self.springs.place(material, i)]
         stiffness, rest_length = m[0], m[1]
-        w = v[j] - v[i]
-        a = x[j] - x[i] + ti.Vector([m[3], m[4], m[5]])
+        w = self.v[j] - self.v[i]
+        a = self.x[j] - self.x[i] + ti.Vector([m[3], m[4], m[5]])
         b = a + dt * w
         length = ti.sqrt(a.dot(a))
         both = length + ti.sqrt(b.dot(b))
         if ti.static(system.particles.pinned):
             end = system.count - 1  # a lane without this spring may lie beyond
-            w = system.particles.free[ti.min(j, end)] * v[j] - system.particles.free[ti.min(i, end)] * v[i]
+            w = system.particles.free[ti.min(j, end)] * self.v[j] - system.particles.free[ti.min(i, end)] * self.v[i]
         had = 0.5 * stiffness * (length - rest_length) ** 2
         stored = 0.5 * dt * stiffness * (1.0 - 2.0 * rest_length / both) * w.dot(a + b)
         return stored, had, ti.select(length < CRUSHED * rest_length, had, 0.0)
 
     @ti.func
-    def kinetic(self, system, i, x, v, before):
+    def kinetic(self, system, i):
         """The energy [J] that particle i gained in the pass, relative to its jello's centre of mass, and that of its
         deforming velocity."""
-        m, centre = system.particles.mass(i), ti.Vector([0.0, 0.0, 0.0])
+        m, v, before, centre = system.particles.mass(i), self.v[i], self.before[i], ti.Vector([0.0, 0.0, 0.0])
         if ti.static(self.spin.wanted):
             centre = self.spin.velocity[self.spin.jello[i]]
-        deforming = v[i] - self.rigid(i, x)
+        deforming = v - self.rigid(i)
         if ti.static(system.particles.pinned):
             deforming *= system.particles.free[i]
-        return 0.5 * m * (v[i] - before[i]).dot(v[i] + before[i] - 2.0 * centre), 0.5 * m * deforming.dot(deforming)
+        return 0.5 * m * (v - before).dot(v + before - 2.0 * centre), 0.5 * m * deforming.dot(deforming)

@@ -11,7 +11,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.integrators import _ldl
-from taichi_jello.physics.state import Memory
+from taichi_jello.physics.state import Memory, State
 from taichi_jello.scene.body import Body
 
 CHUNK = 256  # particles that one thread adds up
@@ -31,9 +31,10 @@ def chunks(spans: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
 
 @ti.data_oriented
 class Spin:
-    """`correct` for all jellos of several particles without pins; `wanted`: whether there are any."""
+    """For all jellos of several particles without pins; `wanted`: whether there are any."""
 
-    def __init__(self, memory: Memory, body: Body):
+    def __init__(self, memory: Memory, body: Body, state: State, before: ti.MatrixField):
+        self.x, self.v, self.before = state.x, state.v, before
         wanted = [(a, b) for a, b in spans(body) if b > a + 1 and not body.pinned[a:b].any()]
         self.wanted = len(wanted) > 0
         if not self.wanted:
@@ -53,33 +54,33 @@ class Spin:
         )
 
     @ti.func
-    def correct(self, system, first, last, x, v, before):
-        """Remove from v the angular momentum that it has and `before` has not."""
+    def correct(self, system, first, last, n, t, dt):
+        """A stage of XPBD: remove from v the angular momentum that it has and `before` has not."""
         system.wait_for_team()  # until v is complete
         for k in range(system.share_of(first, self.count), system.share_of(last, self.count)):
-            self.add_up(system, k, x, v, before)
+            self.add_up(system, k)
         system.wait_for_team()
         for g in range(system.share_of(first, self.jellos), system.share_of(last, self.jellos)):
-            self.find(g, x)
+            self.find(g)
         system.wait_for_team()
         for i in range(first, last):
             g = self.jello[i]
-            v[i] = v[i] - self.correction[g].cross(x[i] - self.centre[g])
+            self.v[i] = self.v[i] - self.correction[g].cross(self.x[i] - self.centre[g])
 
     @ti.func
-    def origin(self, g, x):
+    def origin(self, g):
         """The position of the first particle of a jello, to which its sums are relative."""
-        return x[self.chunks[self.starts[g]][0]]
+        return self.x[self.chunks[self.starts[g]][0]]
 
     @ti.func
-    def add_up(self, system, k, x, v, before):
+    def add_up(self, system, k):
         """Of a chunk, with positions p relative to the origin: Σ m, Σ m p, the six Σ m p p, Σ m p × Δv, Σ m v and
         Σ m p × v, the last two with v from `before`."""
         chunk = self.chunks[k]
-        total, origin = ti.Vector([0.0] * SUMS), self.origin(chunk[2], x)
+        total, origin = ti.Vector([0.0] * SUMS), self.origin(chunk[2])
         for i in range(chunk[0], chunk[1]):
-            m, p = system.particles.mass(i), x[i] - origin
-            moment, torque, momentum = m * p, m * p.cross(v[i] - before[i]), m * before[i]
+            m, p, before = system.particles.mass(i), self.x[i] - origin, self.before[i]
+            moment, torque, momentum = m * p, m * p.cross(self.v[i] - before), m * before
             angular = p.cross(momentum)
             total[0] += m
             for axis in ti.static(range(3)):
@@ -92,7 +93,7 @@ class Spin:
         self.sums[k] = total
 
     @ti.func
-    def find(self, g, x):
+    def find(self, g):
         """The centre of mass and the correction ω of a jello, and its rigid motion from `before`."""
         total = ti.Vector([0.0] * SUMS)
         for k in range(self.starts[g], self.starts[g + 1]):
@@ -108,11 +109,11 @@ class Spin:
         for axis in ti.static(range(3)):
             inertia[axis] += smallest
         self.correction[g] = _ldl.solve(inertia, torque, self.epsilon)
-        self.velocity[g], self.centre[g] = momentum / mass, self.origin(g, x) + c
+        self.velocity[g], self.centre[g] = momentum / mass, self.origin(g) + c
         self.spin[g] = _ldl.solve(inertia, angular - c.cross(momentum), self.epsilon)
 
     @ti.func
-    def rigid(self, i, x):
+    def rigid(self, i):
         """The velocity that particle i would have if its jello did not deform; zero with pins."""
         g = self.jello[i]
-        return self.velocity[g] + self.spin[g].cross(x[i] - self.centre[g])
+        return self.velocity[g] + self.spin[g].cross(self.x[i] - self.centre[g])
