@@ -39,18 +39,23 @@ class AdaptiveStepper:
     def __init__(self, system: Any, integrator: Any):
         self.system, self.integrator, self.body = system, integrator, integrator.body
         self.implicit, self.explicit = Stepper(system, integrator), Stepper(system, integrator.explicit)
-        self._pushed, self.explicit_dt = False, 0.0  # [s] the safe step of RK4 with the forces of `_rates`
+        self._pushed, self._explicit_dt = False, 0.0
         self._rates: list[Any] = []
         self.whole = RigidMotion(self.body.jello, self.body.mass[:, None])
         self.flight = FreeFlight(system, self.body, self.whole)
         rest, first = self.body.rest, self.whole.first
         self.size = np.maximum(np.ptp([f.reduceat(rest, first) for f in (np.minimum, np.maximum)], axis=0).max(1), 1e-6)
 
+    @property
+    def explicit_dt(self) -> float:
+        """The safe step [s] of RK4."""
+        if self._rates is not self.system.rates:  # the first time, or forces have been tuned
+            self._rates, rk4 = self.system.rates, self.integrator.explicit
+            self._explicit_dt = largest_dt(rk4.amplification, rk4.safety, self._rates, self.system.drag).dt
+        return self._explicit_dt
+
     def take(self, first: int, last: int, dt: float) -> None:
         """Substeps `first` to `last` of the current frame, dt [s] each."""
-        if self._rates is not self.system.rates:  # forces have been tuned
-            self._rates, explicit = self.system.rates, self.integrator.explicit
-            self.explicit_dt = largest_dt(explicit.amplification, explicit.safety, self._rates, self.system.drag).dt
         for step in range(first, last):
             self._cover(step, dt)
 
