@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from taichi_jello import Ball, Box, Contact, Keyframe, Pin, Plane, Region, Scene, Sheet, Simulation, Snapshot
-from taichi_jello.physics.integrators.implicit_solve.newton import MAX_ITERATIONS
+from taichi_jello.physics.integrators.implicit_solve.progress import MAX_ITERATIONS
 from taichi_jello.physics.system import force_kinds
 
 STILL = (0.0, 0.0, 0.0)

@@ -6,7 +6,6 @@ C = -∂f/∂v. Each force offers a symmetric positive semidefinite bound of its
 ParticleForce.curvature): so conjugate gradients apply, and d is a descent direction. H is never stored.
 """
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,23 +13,13 @@ import taichi as ti
 
 from taichi_jello.physics.forces._base import even_block
 from taichi_jello.physics.integrators._base import serial
+from taichi_jello.physics.integrators.implicit_solve import progress
 from taichi_jello.physics.integrators.implicit_solve.preconditioner import TwoLevel
 from taichi_jello.physics.integrators.implicit_solve.rigid_modes import RigidModes, times
 from taichi_jello.physics.state import Memory, State
 from taichi_jello.scene.body import Body
 
-DONE, LINEARISE, EVALUATE, CONJUGATE = range(4)  # modes: what the next turn does
-# Phases: what the last turn has found. Between NEW_SYSTEM and ITERATING conjugate gradients need a direction.
-STARTING, ACCEPTED, NEW_SYSTEM, ITERATING, TOO_FAR, CONVERGED = range(6)
-NOTHING, RESIDUAL, STEP = range(3)  # what displaces particles
-
-MAX_ITERATIONS = 30  # Newton steps of a solve
-MAX_PRODUCTS = 200  # with H in a Newton step
-FORCING = 0.1  # factor by which conjugate gradients reduce the residual in a Newton step
-MAX_BACKTRACKS = 6  # how often a Newton step may be shortened
-OVERSHOOT = 0.5  # a step is too far where the slope along it is less than -OVERSHOOT times the slope at its start
-MAX_STAGNANT = 8  # Newton steps without half the least gain so far before a solve ends; those near the end count twice:
-NEAR_END = 1e-4  # their gain is this fraction of the largest, so within 1 % of the distance to the solution
+NOTHING, RESIDUAL, STEP = range(3)  # what displaces particles in the sums
 
 
 @ti.data_oriented
@@ -41,7 +30,7 @@ class Newton:
     rounding of positions; to change it, call `prepare` afterwards.
     """
 
-    kinds = (LINEARISE, EVALUATE, CONJUGATE)
+    kinds = (progress.LINEARISE, progress.EVALUATE, progress.CONJUGATE)
 
     def __init__(self, memory: Memory, body: Body):
         self.memory, self.accuracy = memory, 1e-3 if memory.owner.precision == "f32" else 1e-9
@@ -50,18 +39,9 @@ class Newton:
         self.r, self.d, self.p, self.q, self.s = (memory.vectors("solve", name) for name in "rdpqs")
         self.block = memory.vectors("solve", "block", 2)
         self.sums = memory.table("solve", "sums", np.zeros((memory.passes, 3)))
-        self.mode = memory.table("solve", "mode", np.zeros(1, np.int32))
-        reals = (
-            "c time rho slope fraction alpha beta target accuracy roundoff resolution tolerance largest_gain least_gain"
-        )
-        wholes = "phase iterations last_iteration products_here backtracks stagnant evaluations products"
-        # Scalars that every thread of the team reads and one writes, each a field of one number.
-        self.now = SimpleNamespace(
-            **{name: memory.zeros("solve", name, (1,)) for name in reals.split()},
-            **{name: memory.zeros("solve", name, (1,), whole=True) for name in wholes.split()},
-        )
-        self.preconditioner = TwoLevel(memory, body)
-        self.rigid = RigidModes(memory, body)
+        self.preconditioner, self.rigid = TwoLevel(memory, body), RigidModes(memory, body)
+        self.now = progress.Progress(memory, self.rigid)
+        self.mode = self.now.mode
 
     def prepare(self, system: Any, c: float) -> None:
         """Call before the first step with this c [s], and again when a force has been tuned."""
@@ -88,20 +68,16 @@ class Newton:
                 self.set_block(i, even_block(system.particles.mass(i)))  # fits the rigid modes to p, weighted by mass
         system.wait_for_team()  # until every thread has seen the end of the last solve
         if serial(first, last):
-            self.now.c[0], self.now.time[0], self.now.fraction[0] = c, t, 1.0
-            self.now.iterations[0], self.now.last_iteration[0] = 0, MAX_ITERATIONS
-            self.now.backtracks[0] = MAX_BACKTRACKS  # the first step is never shortened
-            self.now.phase[0] = STARTING
-            self.mode[0] = LINEARISE if solves else DONE
+            self.now.start(c, t, solves)
         system.wait_for_team()
 
     @ti.func
     def turn(self, kind: ti.template(), system, first, last):
-        if ti.static(kind == LINEARISE):
+        if ti.static(kind == progress.LINEARISE):
             self.linearise(system, first, last)
-        elif ti.static(kind == EVALUATE):
+        elif ti.static(kind == progress.EVALUATE):
             self.evaluate(system, first, last)
-        elif ti.static(kind == CONJUGATE):
+        elif ti.static(kind == progress.CONJUGATE):
             self.conjugate(system, first, last)
 
     @ti.func
@@ -109,10 +85,7 @@ class Newton:
         """Find the rigid modes for a new Newton step, or for the first."""
         self.rigid.begin(system, first, last, self.at.x, self.block)
         if serial(first, last):
-            if self.now.phase[0] == STARTING:
-                self.mode[0] = EVALUATE
-            else:
-                self.now.phase[0] = NEW_SYSTEM
+            self.now.linearised()
         system.wait_for_team()
 
     @ti.func
@@ -134,38 +107,14 @@ class Newton:
             self.r[i] = r * (system.particles.inverse_mass(i) * system.particles.mass(i))  # zero if pinned
         self.add_up(system, first, last, self.d, self.r, RESIDUAL)
         if serial(first, last):
-            self.judge()
+            slope, displacement, _ = self.total()
+            self.now.judge(slope, displacement)
         system.wait_for_team()
         for i in range(first, last):
-            if self.now.phase[0] == ACCEPTED:
+            if self.now.phase[0] == progress.ACCEPTED:
                 self.base[i] = self.at.v[i]
                 self.d[i] = ti.Vector([0.0, 0.0, 0.0])
                 self.find_block(system, i)
-
-    @ti.func
-    def judge(self):
-        """Accept the step, shorten it, or end the solve."""
-        slope, displacement, _ = self.total()  # the displacement is that by the residual alone
-        slope_before = self.now.fraction[0] * self.now.slope[0]
-        self.now.evaluations[0] += 1
-        if slope < -OVERSHOOT * slope_before and self.now.backtracks[0] < MAX_BACKTRACKS:
-            self.now.phase[0] = TOO_FAR
-            self.now.backtracks[0] += 1
-            # To the zero of the slope if it were linear.
-            self.now.fraction[0] *= ti.min(0.6, ti.max(0.1, slope_before / (slope_before - slope)))
-        elif (
-            displacement == 0.0
-            or not displacement < 1e30
-            or self.now.iterations[0] >= self.now.last_iteration[0]
-            or (self.now.iterations[0] > 0 and displacement <= self.now.tolerance[0])
-        ):
-            self.now.phase[0] = CONVERGED
-            self.mode[0] = DONE
-        else:
-            self.now.phase[0] = ACCEPTED
-            self.now.iterations[0] += 1
-            self.now.backtracks[0] = 0
-            self.mode[0] = LINEARISE
 
     @ti.func
     def find_block(self, system, i):
@@ -194,10 +143,7 @@ class Newton:
         self.add_up(system, first, last, self.p, self.q, NOTHING)
         if serial(first, last):
             curvature, _, _ = self.total()
-            self.now.alpha[0] = self.now.rho[0] / curvature
-            self.now.slope[0] += self.now.alpha[0] * self.now.rho[0]  # d · r with the r at the start of the Newton step
-            self.now.products[0] += 1
-            self.now.phase[0] = ITERATING
+            self.now.conjugate(curvature)
         system.wait_for_team()
         alpha = self.now.alpha[0]
         for i in range(first, last):
@@ -207,8 +153,8 @@ class Newton:
     @ti.func
     def turn_ends(self, system, first, last):
         """Find the next direction p of conjugate gradients or the Newton step; or correct the momenta at the end."""
-        iterates = self.now.phase[0] >= NEW_SYSTEM and self.now.phase[0] <= ITERATING
-        converged = self.now.phase[0] == CONVERGED
+        iterates = self.now.phase[0] >= progress.NEW_SYSTEM and self.now.phase[0] <= progress.ITERATING
+        converged = self.now.phase[0] == progress.CONVERGED
         end, end_correct = ti.select(iterates, last, first), ti.select(converged, last, first)  # or empty loops
         self.rigid.project(system, first, ti.max(end, end_correct), self.at.x, self.r)
         self.correct_momenta(system, first, end_correct)
@@ -217,9 +163,10 @@ class Newton:
             self.s[i] = self.s[i] + self.rigid.displacement(i, self.at.x)
         self.add_up(system, first, end, self.r, self.s, STEP)
         if serial(first, end):
-            self.choose_direction()
+            rho, displacement, distance = self.total()
+            self.now.choose_direction(rho, displacement, distance)
         system.wait_for_team()
-        beta, steps = self.now.beta[0], self.mode[0] == EVALUATE
+        beta, steps = self.now.beta[0], self.mode[0] == progress.EVALUATE
         for i in range(first, end):
             self.p[i] = self.d[i] if steps else self.s[i] + beta * self.p[i]
 
@@ -240,52 +187,6 @@ class Newton:
             elif ti.static(system.closed):
                 self.at.v[i] = self.at.v[i] + self.rigid.joint_velocity[0]
                 self.at.x[i] = self.z[i] + c * self.at.v[i]
-
-    @ti.func
-    def choose_direction(self):
-        """Continue conjugate gradients with β = ρ/ρ₋, ρ = r · s, or take the Newton step."""
-        rho, displacement, distance = self.total()
-        if self.now.phase[0] == NEW_SYSTEM:
-            self.now.beta[0], self.now.slope[0], self.now.fraction[0] = 0.0, 0.0, 1.0
-            self.now.target[0] = FORCING * FORCING * rho
-            self.now.products_here[0] = 0
-            self.mode[0] = CONJUGATE if rho > 0.0 else DONE
-        else:
-            self.now.beta[0] = rho / self.now.rho[0]
-            self.now.products_here[0] += 1
-            if not (rho > self.now.target[0]) or self.now.products_here[0] == MAX_PRODUCTS:
-                self.mode[0] = EVALUATE
-                self.end_if_small(displacement, distance)
-        self.now.rho[0] = rho
-
-    @ti.func
-    def end_if_small(self, displacement, distance):
-        """Make a Newton step of this displacement [m] the last one if it is small or if steps no longer gain energy."""
-        if self.now.iterations[0] == 1:
-            self.now.resolution[0] = self.now.roundoff[0] * distance
-            self.now.tolerance[0] = ti.max(self.now.resolution[0], self.now.accuracy[0] * displacement)
-            self.now.largest_gain[0], self.now.least_gain[0] = 0.0, 4.0 * self.now.slope[0]
-            self.now.stagnant[0] = 0
-        # A step gains ½ d · r of energy; in a stiff body a short one may gain much.
-        gain = self.now.slope[0]
-        self.now.largest_gain[0] = ti.max(self.now.largest_gain[0], gain)
-        gains_little = gain <= self.now.accuracy[0] ** 2 * self.now.largest_gain[0]
-        is_short = displacement <= self.now.tolerance[0]
-        ends = displacement <= self.now.resolution[0] or (is_short and gains_little) or self.stagnates(gain)
-        if ends and self.now.iterations[0] > 1:  # the first is needed however short: a fall gains little in one step
-            self.now.last_iteration[0] = self.now.iterations[0]
-            for g in range(self.rigid.jellos):
-                if not self.rigid.is_free(g, self.now.c[0]):
-                    self.now.fraction[0] = 0.0  # in contact the last step would only add noise
-
-    @ti.func
-    def stagnates(self, gain):
-        """Whether gains have stopped falling, as where rounding dominates or the force of a dashpot jumps."""
-        if gain < 0.5 * self.now.least_gain[0]:
-            self.now.least_gain[0], self.now.stagnant[0] = gain, 0
-        else:
-            self.now.stagnant[0] += 2 if gain <= NEAR_END * self.now.largest_gain[0] else 1
-        return self.now.stagnant[0] >= MAX_STAGNANT
 
     @ti.func
     def product(self, system, first, last, p, q):
