@@ -1,15 +1,13 @@
 """AdaptiveStepper: implicit steps as long as they are accurate, explicit ones in impacts.
 
-A frame is divided into intervals: a half, a quarter, … of it. Each is tried as one implicit step and halved if that is
-inaccurate. Where RK4 at its own safe step costs no more, RK4 takes the interval (as in LSODA, Petzold 1983). So impacts
-are resolved: they last about as long as the lowest oscillation, in a cube of 8³ particles 33 steps of RK4 at any
-stiffness.
+An interval of a frame is tried as one implicit step and halved if that is inaccurate. Where RK4 at its own safe step
+costs no more, RK4 takes it (as in LSODA, Petzold 1983). So impacts are resolved: they last about as long as the lowest
+oscillation, in a cube of 8³ particles 33 steps of RK4 at any stiffness.
 
 A step is accurate if no free jello changes its rigid motion otherwise than in the step before or under gravity alone:
 an implicit step across an impact would take all of its energy. And in jellos that touch something or are pinned, no
-particle may be farther than POSITION from where its velocity and its last acceleration lead.
-
-The rigid motion of jellos that touch nothing is exact (see free_flight.py): implicit steps would slow down their spin.
+particle may be farther than POSITION from where its velocity and its last acceleration lead. The rigid motion of jellos
+that touch nothing is exact (see free_flight.py).
 """
 
 from math import ceil
@@ -31,10 +29,10 @@ MAX_LEVEL = 20  # halvings of a frame
 
 
 class AdaptiveStepper:
-    """Takes steps of `integrator`, an Adaptive. Its state between steps is integrator.past: `level`, how often the last
-    frame was halved; `gain` (J, 6) [m/s², rad/s²], the change of each jello's rigid motion in the last step; `smooth`,
-    the number of implicit steps since the last explicit one; `flies` (J,), which jellos flew. And if no oscillation was
-    left at its start, `before` (N, 3) [m/s], the velocities there, and `lasted` [s], its length."""
+    """Takes steps of `integrator`, an Adaptive. It remembers in integrator.past: `level`, how often the last frame was
+    halved; of the last step `gain` (J, 6) [m/s², rad/s²], the change of each rigid motion, `flies` (J,), which jellos
+    flew, and, if it began without oscillations, the velocities `before` it (N, 3) [m/s] and how long it `lasted` [s];
+    and `smooth`, the number of implicit steps since the last explicit one."""
 
     def __init__(self, system: Any, integrator: Any):
         self.system, self.integrator, self.body = system, integrator, integrator.body

@@ -26,15 +26,12 @@ def serial(first, last):
 class Integrator:
     """One scheme. A step from t to t + dt [s since the frame began] is `stage` for s = 0 … stages - 1, then `finish`.
 
-    A subclass sets `name`, `order` (2 for an error ∝ dt², …), `safety`, `stages` and, if its `automatic_dt` is not the
-    safe step, `automatic`, which says how that is chosen. It defines
+    A subclass sets `name`, `order` (2 for an error ∝ dt², …), `safety`, `stages`, and defines
     - `allocate`, which makes the fields it needs;
     - `@ti.func stage(self, system, first, last, s, t, dt)` and `@ti.func finish(self, system, first, last, t, dt)` for
-      the particles first … last - 1. Both consist of loops over these particles, which write to no others, and calls of
-      `system.accelerations`, which waits until every thread has finished its loops. Each is compiled once, in a loop
-      over stages: unrolled stages of RK4 take 7 s to compile, this 0.5 s;
-    - `amplification(a, zeta)`, the (…, 2, 2) matrices of a step of length a for x'' = -x - 2ζx'; `dt = "auto"` follows
-      from them;
+      the particles first … last - 1: loops over these, which write to no others, and calls of `system.accelerations`,
+      which waits for all threads. Stages are a loop, since unrolled ones of RK4 take 7 s to compile instead of 0.5;
+    - `amplification(a, zeta)`, the (…, 2, 2) matrices of a step of length a for x'' = -x - 2ζx', for `dt = "auto"`;
     - with `has_begin`, `@ti.func begin(self, system, first, last, t)`, run before the first step of a frame;
     - with `solves`, a `solver` (see implicit_solve/) whose turns follow each stage until its mode is 0, and
       `prepare(system, dt)`, called before steps of that length.
@@ -50,7 +47,7 @@ class Integrator:
     long_steps: bool = False  # steps may exceed the periods of the springs
     fixed_step: bool = True  # False: the scheme divides the given step
     adds_mass: bool = True  # the mass that a hand adds moves with the particles it holds
-    automatic: ClassVar[str] = ""
+    automatic: ClassVar[str] = ""  # how `automatic_dt` is chosen if it is not the safe step
     solver: Any
     prepare: Any
     stage: Any
@@ -106,7 +103,7 @@ class Integrator:
         return {}
 
     def recall(self, memory: dict[str, np.ndarray]) -> None:
-        """Continue from what `remembered` returned; with an empty dictionary, from any state."""
+        """Continue from what `remembered` returned; if empty, from any state."""
 
     @classmethod
     def amplification(cls, a: np.ndarray, zeta: np.ndarray) -> np.ndarray:

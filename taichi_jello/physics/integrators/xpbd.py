@@ -6,9 +6,8 @@ impulse J along n at x̂ with which backward Euler holds for this spring alone:
 
     J = dt [k (L - R) + c n·w] / [1 + dt (dt k + c)(1/mᵢ + 1/mⱼ)],    w = vⱼ - vᵢ.
 
-That is the paper's Δλ with the compliance α = 1/k, α/dt² and its damping, in a form that allows k = 0 and k = ∞. J is
-equal and opposite, so momentum is conserved. Positions stay those of the start of the step and velocities are
-corrected, so that no velocity is a difference of rounded positions.
+That is the paper's Δλ with the compliance α = 1/k, in a form that allows k = 0 and k = ∞. J is equal and opposite, so
+momentum is conserved. Velocities are corrected, not positions, so that none is a difference of rounded positions.
 """
 
 from math import sqrt

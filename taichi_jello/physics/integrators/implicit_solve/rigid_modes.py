@@ -1,12 +1,8 @@
 """The rigid modes of each jello: solved for exactly, and followed along finite rotations.
 
 A jello without pins has six rigid modes, the columns of Z: three translations and three rotations ω × ρ about its
-centre.
-
-The constant matrix A of the preconditioner resists rotations, and it does not know of contact. So with the diagonal
-blocks B of H (mass, contact) Q = Z (ZᵀBZ)⁻¹ Zᵀ is added as the inverse of H on rigid motions: conjugate gradients are
-preconditioned by s = (Q + A⁻¹) r. (The balanced form of Mandel 1993 takes two thirds of the iterations, each half as
-long again.)
+centre. The matrix A of the preconditioner resists rotations and does not know of contact. So with the diagonal blocks B
+of H (mass, contact) Q = Z (ZᵀBZ)⁻¹ Zᵀ is added, the inverse of H on rigid motions: s = (Q + A⁻¹) r.
 
 A straight displacement ω × ρ stretches a body that turns by a finite angle, with an energy of k ω⁴. So the rigid part
 τ + ω × ρ of a step d is made with the rotation R = exp([ω]), and only the rest e is straight:
