@@ -62,7 +62,7 @@ class Ledger:
                 for c in ti.static(range(len(self.own[f].works))):
                     column = ti.static(self.starts[f] + c)
                     self.work[i][column] = self.work[i][column] + weight * powers[c]
-                if ti.static(self.own[f].burdens and system.integrator.loads):  # what moves its own mass moves no jello
+                if ti.static(self.own[f].burdens and system.integrator.adds_mass):  # that of the hand itself
                     own, column = 0.5 * self.own[f].added_mass(i) * v[i].dot(v[i]), ti.static(self.starts[f])
                     self.work[i][column] = self.work[i][column] + ti.select(k == 0, own, ti.select(k == n, -own, 0.0))
             for f in ti.static(range(len(self.plain))):

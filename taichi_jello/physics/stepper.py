@@ -123,7 +123,7 @@ class Stepper:
     def _look_ahead(self, first, last, dt):
         """At the beginning of a step."""
         if ti.static(not self.integrator.solves):
-            self.system.look(first, last, self.system.state.x, self.system.state.v, self.integrator.looks_at * dt)
+            self.system.look(first, last, self.system.state.x, self.system.state.v, self.integrator.search_at * dt)
 
     @ti.func
     def _watch(self, first, last, t, dt):

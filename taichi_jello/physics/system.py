@@ -93,7 +93,7 @@ class System:
             method = scheme(method)
         Scheme = method if isinstance(method, type) else method.scheme(self.all_forces, damped)
         self.integrator: Integrator = Scheme(self.memory, self.state, damped, body)
-        self.integrator.meet(self.all_forces)
+        self.integrator.use_forces(self.all_forces)
         for sweep in self.sweeps:
             sweep.whole = self.integrator.long_steps
         self.handles = Handles(scene, body)

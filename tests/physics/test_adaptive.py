@@ -49,7 +49,7 @@ def rk4_in_its_place(simulation):
     system, substeps = simulation.system, simulation.substeps
     adaptive = system.stepper
     system.stepper = adaptive.explicit
-    simulation.change_step(substeps=ceil(simulation.frame_dt / system.integrator.limit))
+    simulation.change_step(substeps=ceil(simulation.frame_dt / adaptive.explicit_dt))
     yield simulation.substeps
     system.stepper = adaptive
     simulation.change_step(substeps=substeps)

@@ -35,7 +35,7 @@ def test_centre_velocity_spin_and_momentum_of_two_that_move_as_wholes():
     found = whole.of(x, v)
     assert whole.mass[:, 0] == pytest.approx([mass, mass * 40 / 64])
     for told, known in ((found.centre, centre), (found.velocity, velocity), (found.spin, spin)):
-        assert np.abs(told - known).max() < 1e-8  # LEAST: a billionth of the inertia
+        assert np.abs(told - known).max() < 1e-8  # MIN_INERTIA: a billionth of the inertia
     assert found.momentum[0] == pytest.approx(mass * 5.0 / 3.0 / 6.0 * spin[0])
     assert np.abs(whole.field(found, x) - v).max() < 1e-8
     kinetic = 0.5 * np.array([(each * v**2)[owner == j].sum() for j in (0, 1)])
@@ -95,7 +95,7 @@ def test_a_box_that_tumbles_keeps_its_angular_momentum_as_the_midpoint_rule_does
     """Where the moments of inertia differ, the direction of the spin wanders and that of L in the body with it. The
     rule is of second order: half the step, a quarter of the error; it is within (ω dt)³/10 a step."""
     rest, spin, seconds = box(size=(1.0, 0.6, 0.3)), np.array([2.0, 3.0, 1.0]), 1.0
-    monkeypatch.setattr(rigid_motion, "MOST", 1)  # no parts
+    monkeypatch.setattr(rigid_motion, "MAX_PARTS", 1)  # no parts
     exact = after(rest, spin, seconds, 800)[0]
     errors = [np.abs(after(rest, spin, seconds, steps)[0] - exact).max() for steps in (10, 20, 40)]
     assert errors[0] < 10 * (np.linalg.norm(spin) * 0.1) ** 3 / 10.0

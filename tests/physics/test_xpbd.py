@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from reference import twisted
+from reference import frame_energies, twisted
 
 from taichi_jello import Box, Contact, Grab, Move, Pin, Plane, Scene, Simulation, Snapshot, Solver
-from taichi_jello.physics.integrators.xpbd import MOST, colored
+from taichi_jello.physics.integrators.xpbd import MAX_AUTOMATIC_STEPS, colored
 from taichi_jello.run.explain import facts
 
 STILL = (0.0, 0.0, 0.0)
@@ -51,10 +51,7 @@ def test_what_is_twisted_and_let_go_takes_its_shape_and_does_not_spin(stiff, dt)
     simulation = at(stiff, dt)
     m, x = simulation.body.mass[:, None], twisted(simulation.body.x)
     simulation.restore(Snapshot(0.0, x, np.zeros_like(x)))
-    energy = [sum(simulation.energies().values())]
-    for _ in range(50):
-        simulation.frame()
-        energy.append(sum(simulation.energies().values()))
+    energy = frame_energies(simulation, 50)
     assert np.diff(energy).max() <= 1e-13 * energy[0] and energy[-1] < 1e-8 * energy[0]
     assert turned(simulation.body, simulation.x) < 0.1
     # Springs pull with 20 kN to begin with; 4000 steps of 1e-16 of their impulses come to less.
@@ -139,7 +136,7 @@ def test_a_point_slides_down_a_plane_as_coulomb_says():
         contact=Contact(stiffness=1e5, damping=2.0, friction=mu),
     )
     simulation = Simulation(scene, method="xpbd")
-    assert simulation.substeps == MOST  # k dt²/m is 1.7
+    assert simulation.substeps == MAX_AUTOMATIC_STEPS  # k dt²/m is 1.7
     simulation.advance(0.5)
     before = np.linalg.norm(simulation.v)
     simulation.advance(0.5)
@@ -192,11 +189,8 @@ STARTS = {
 def most_energy(simulation, x, frames):
     """The most kinetic + elastic energy at the end of a frame, over what there was when all were let go at x."""
     simulation.restore(Snapshot(0.0, x, np.zeros_like(x)))
-    energy = [sum(simulation.energies().values())]
-    for _ in range(frames):
-        simulation.frame()
-        energy.append(sum(simulation.energies().values()))
-    return max(energy[1:]) / energy[0]
+    energy = frame_energies(simulation, frames)
+    return energy[1:].max() / energy[0]
 
 
 @pytest.fixture(scope="module", params=[0.25, 0.0], ids=["damped", "undamped"])

@@ -1,1 +1,1 @@
-"""The steps of stiff jellos."""
+"""The step control of the method `adaptive`."""

@@ -1,39 +1,40 @@
-"""Jellos that touch nothing: as wholes they move as free bodies do, exactly; a step is only for how they deform.
+"""Jellos that touch nothing: their rigid motion is that of a free body, exactly; a step solves for their deformation.
 
-An implicit step slows down whatever turns, the more the farther it turns in one. So the motion of a free jello as a
-whole is taken out of its velocities before the step, and the jello is moved on by it afterwards: with its momentum and
-angular momentum kept to rounding, falling as g t²/2 says. In the frame that moves with it there are the centrifugal and
-the Coriolis force, as they are where the step begins.
+An implicit step slows down rotation, the more the larger its angle. So the rigid motion of a free jello is subtracted
+from its velocities before the step and applied after it: momentum and angular momentum are kept to rounding, and the
+fall is g t²/2. The deformation is solved for in a frame that moves with the jello, under the centrifugal and Coriolis
+forces at the start of the step.
 """
 
-from dataclasses import replace
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.adaptive.rigid_motion import Motion, RigidMotion, cross, turned
+from taichi_jello.physics.adaptive.rigid_motion import Instant, Motion, RigidMotion, cross, spin_of, turned
 from taichi_jello.physics.forces._base import MutualForce
 from taichi_jello.physics.forces.gravity import Gravity
 from taichi_jello.physics.forces.soft_contact.surface.crossings import meet
+from taichi_jello.scene.body import Body
 
-LOOKS = 8  # at places on its way, at most, whether it touches something there
-HALF = 0.5  # of what is thinnest, and of a radian, from one of these places to the next
+MAX_CHECKS = 8  # for contact along the path of a step
+PITCH = 0.5  # from one check to the next, of the thinnest collider, and in radians
 MARGIN = 0.01  # of its size, by which a jello keeps away from others
 
 
 @ti.data_oriented
 class FreeFlight:
-    """free (J,): the jellos that are not pinned."""
+    """free (J,): the jellos without pins. `may_fly` decides which of them fly in a step; the others use its results."""
 
-    def __init__(self, system: Any, body: Any, whole: RigidMotion):
+    def __init__(self, system: Any, body: Body, whole: RigidMotion):
         self.system, self.whole, self.owner = system, whole, body.jello
         self.count, self.number = system.count, system.memory.number
         self.free = np.bincount(body.jello, body.pinned) == 0.0
         contacts = [force for force in system.all_forces if force.energy_kind == "contact"]
         self.with_colliders = tuple(force for force in contacts if not isinstance(force, MutualForce))
-        self.fall = next((force for force in system.all_forces if isinstance(force, Gravity)), None)
         self.mutual = [force for force in contacts if isinstance(force, MutualForce)]
+        self.fall = next((force for force in system.all_forces if isinstance(force, Gravity)), None)
         known = [*contacts, self.fall]
         self.others = [force for force in system.all_forces if not force.couples and force not in known]
         self.thinnest = min((c.thickness for force in self.with_colliders for c in force.colliders), default=np.inf)
@@ -42,31 +43,31 @@ class FreeFlight:
         """(3,) [m/s²]."""
         return np.zeros(3) if self.fall is None else np.array(self.fall.acceleration)
 
-    def may_fly(self, now: Any, t: float, length: float) -> np.ndarray:
-        """(J,) which jellos touch nothing at `t` [s] after the frame began, where the state is `now`, and come near to
-        no other jello within `length` [s]. None where other forces act than gravity."""
-        self.far = self._far(now.whole, now.x, t, length)
-        self.alone = self.free & ~self.presses(t)  # by nothing but other jellos, if by anything
+    def may_fly(self, now: Instant, t: float, length: float) -> np.ndarray:
+        """(J,) which jellos touch nothing `t` [s] after the frame began and approach no other jello within `length`
+        [s]; none where a force other than gravity acts."""
+        self.far = self._far(now, t, length)
+        self.alone = self.free & ~self.presses(t)  # jellos that touch at most other jellos
         if any(force.acts for force in self.others):
             self.alone[:] = False
-        self.near = self._meetings(now.x, now.v, length)
-        return self.alone & (self.far | (self._looks(now.whole, length) <= LOOKS)) & ~self.near.any(1)
+        self.near = self._meetings(now, length)
+        return self.alone & (self.far | (self._checks(now.whole, length) <= MAX_CHECKS)) & ~self.near.any(1)
 
-    def _looks(self, whole: Motion, length: float) -> np.ndarray:
-        """(J,) at how many places on its way each must be looked at."""
+    def _checks(self, whole: Motion, length: float) -> np.ndarray:
+        """(J,) how many checks for contact the path of each needs."""
         spin = np.linalg.norm(whole.spin, axis=1)
-        return np.ceil(length * np.maximum(self.whole.speed(whole) / (HALF * self.thinnest), spin / HALF))
+        return np.ceil(length * np.maximum(self.whole.speed(whole) / (PITCH * self.thinnest), spin / PITCH))
 
-    def _far(self, whole: Motion, x: np.ndarray, t: float, length: float) -> np.ndarray:
-        """(J,) which jellos no collider comes near to within `length` [s], by their distances from its surface and by
-        how far the farthest of their particles are from their centres."""
-        gap = np.full((len(self.free), 1), np.inf)
+    def _far(self, now: Instant, t: float, length: float) -> np.ndarray:
+        """(J,) which jellos cannot reach a collider within `length` [s]: by its distance from their centres, the
+        distance of their farthest particle, and their speeds."""
+        whole, gap = now.whole, np.full((len(self.free), 1), np.inf)
         if self.with_colliders:
             self._gaps(whole.centre.astype(self.number), t, gap)
-        arm = np.sqrt(np.maximum.reduceat(((x - whole.centre[self.owner]) ** 2).sum(1), self.whole.first))
-        surfaces = max((force.surface_speed for force in self.with_colliders), default=0.0)
-        fast = np.linalg.norm(whole.velocity, axis=1) + length * np.linalg.norm(self.gravity()) + surfaces
-        return gap[:, 0] > (1.0 + MARGIN) * arm + length * fast
+        arm = np.sqrt(np.maximum.reduceat(((now.x - whole.centre[self.owner]) ** 2).sum(1), self.whole.first))
+        surface_speed = max((force.surface_speed for force in self.with_colliders), default=0.0)
+        speed = np.linalg.norm(whole.velocity, axis=1) + length * np.linalg.norm(self.gravity()) + surface_speed
+        return gap[:, 0] > (1.0 + MARGIN) * arm + length * speed
 
     @ti.kernel
     def _gaps(self, centre: ti.types.ndarray(), t: float, gap: ti.types.ndarray()):
@@ -75,78 +76,72 @@ class FreeFlight:
             for force in ti.static(self.with_colliders):
                 gap[j, 0] = ti.min(gap[j, 0], force.gap(p, t))
 
-    def _meetings(self, x: np.ndarray, v: np.ndarray, length: float) -> np.ndarray:
-        """(J, J) which jellos' boxes, with the straight ways of their particles, meet; a jello meets itself where it
-        can touch itself."""
+    def _meetings(self, now: Instant, length: float) -> np.ndarray:
+        """(J, J) which jellos' boxes around the straight paths of their particles overlap. A jello meets itself if it
+        has self-contact."""
         if not self.mutual:
             return np.zeros((len(self.free),) * 2, bool)
-        near = self.mutual[0].near
-        there, keeps, first = x + length * v, near.touching.radius + MARGIN * near.touching.spacing, self.whole.first
-        low = np.minimum.reduceat(np.minimum(x, there), first) - keeps[:, None]
-        high = np.maximum.reduceat(np.maximum(x, there), first) + keeps[:, None]
+        near, first, end = self.mutual[0].near, self.whole.first, now.x + length * now.v
+        keeps = (near.touching.radius + MARGIN * near.touching.spacing)[:, None]
+        low = np.minimum.reduceat(np.minimum(now.x, end), first) - keeps
+        high = np.maximum.reduceat(np.maximum(now.x, end), first) + keeps
         found = meet(low[:, None], high[:, None], low, high)
         np.fill_diagonal(found, near.itself)
         return found
 
     def presses(self, t: float) -> np.ndarray:
-        """(J,) which jellos a collider presses on where they are, `t` [s] after the frame began."""
+        """(J,) which jellos touch a collider in the present state, `t` [s] after the frame began."""
         if self.far.all():
             return np.zeros_like(self.free)
         energy = np.zeros(self.count, self.number)
-        self._pressed(t, energy)
+        self._contact_energy(t, energy)
         return np.add.reduceat(energy, self.whole.first) > 0.0
 
     @ti.kernel
-    def _pressed(self, t: float, energy: ti.types.ndarray()):
+    def _contact_energy(self, t: float, energy: ti.types.ndarray()):
         for i in range(self.count):
             for force in ti.static(self.with_colliders):
                 energy[i] += force.energy(i, self.system.state.x, t)
 
-    def at_rest(self, x: np.ndarray, v: np.ndarray, whole: Motion, flies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N, 3) v without how the jellos that fly move as wholes; and [m/s²] the forces on a kilogram in a frame that
-        turns with them, -ω × (ω × ρ) - 2 ω × u, without what would move a jello as a whole."""
-        spin, arm = whole.spin[self.owner], x - whole.centre[self.owner]
-        u = v - self.whole.field(whole, x)
+    def at_rest(self, now: Instant, flies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N, 3) v without the rigid motion of the jellos that fly; and (N, 3) [m/s²] the centrifugal and Coriolis
+        accelerations in their frames, -ω × (ω × ρ) - 2 ω × u, without their rigid part."""
+        spin, arm = now.whole.spin[self.owner], now.x - now.whole.centre[self.owner]
+        u = now.v - self.whole.field(now.whole, now.x)
         push = -cross(spin, cross(spin, arm)) - 2.0 * cross(spin, u)
-        push -= self.whole.field(self.whole.of(x, push), x)
+        push -= self.whole.field(self.whole.of(now.x, push), now.x)
         own = flies[self.owner, None]
-        return np.where(own, u, v), np.where(own, push, 0.0)
-
-    def straight(self, x: np.ndarray, found: Any) -> Any:
-        """What a step from x has found, without the little that the solve has turned it by."""
-        slip = self.whole.of(x, found.x - x)
-        arm = found.x - found.whole.centre[self.owner]
-        return replace(found, x=found.x - cross(slip.spin[self.owner], arm))
+        return np.where(own, u, now.v), np.where(own, push, 0.0)
 
     def moved_on(
-        self, found: Any, now: Any, turns: np.ndarray, flies: np.ndarray, length: float
+        self, found: Instant, now: Instant, turns: np.ndarray, flies: np.ndarray, length: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """x and v, (N, 3) each, of what a step from `now` without that motion has found, with it; `turns` (J, 3, 3) is
-        how the jellos turn meanwhile."""
-        found = self.straight(now.x, found)
-        x = self._place(found, now.whole, turns, flies, length)
-        u = np.einsum("nij,nj->ni", turns[self.owner], found.v - self.whole.field(found.whole, found.x))
+        """(N, 3) x and v after a step from `now` of the jellos that fly: the shape that the step has `found`, and the
+        rigid motion, with its rotation `turns` (J, 3, 3)."""
+        own = flies[self.owner, None]
+        slip = self.whole.of(now.x, found.x - now.x)  # the small rotation that the solve has made
+        shape = found.x - cross(slip.spin[self.owner], found.x - found.whole.centre[self.owner])
+        x = np.where(own, self._place(shape, found.whole.centre, now.whole, turns, length), shape)
+        u = np.einsum("nij,nj->ni", turns[self.owner], found.v - self.whole.field(found.whole, shape))
         new = self.whole.of(x, u)
-        spin = np.linalg.solve(new.inertia, now.whole.momentum[..., None])[..., 0]
+        spin = spin_of(new.inertia, now.whole.momentum)
         velocity = now.whole.velocity + length * self.gravity()
         v = u + velocity[self.owner] + cross(spin[self.owner], x - new.centre[self.owner])
-        return np.where(flies[self.owner, None], x, found.x), np.where(flies[self.owner, None], v, found.v)
+        return x, np.where(own, v, found.v)
 
-    def _place(self, shape: Any, whole: Motion, turns: np.ndarray, flies: np.ndarray, time: float) -> np.ndarray:
-        """(N, 3) where the particles of a shape are after `time` [s] of that motion, in which it has turned so."""
-        centre = whole.centre + time * (whole.velocity + 0.5 * time * self.gravity())
-        arm = shape.x - shape.whole.centre[self.owner]
-        x = centre[self.owner] + np.einsum("nij,nj->ni", turns[self.owner], arm)
-        return np.where(flies[self.owner, None], x, shape.x)
+    def _place(self, x: np.ndarray, centre: np.ndarray, whole: Motion, turns: np.ndarray, time: float) -> np.ndarray:
+        """(N, 3) particles of a shape x with that centre after `time` [s] of free rigid motion with this rotation."""
+        moved = whole.centre + time * (whole.velocity + 0.5 * time * self.gravity())
+        return moved[self.owner] + np.einsum("nij,nj->ni", turns[self.owner], x - centre[self.owner])
 
-    def kept(self, now: Any, after: Any, flies: np.ndarray, t: float, length: float) -> np.ndarray:
-        """(N, 3) the velocities after a step up to `t` [s] from `now`, so that jellos which only each other and gravity
-        act on have together the momentum and the angular momentum that they must have: a solve ends at a tolerance."""
+    def kept(self, now: Instant, after: Instant, flies: np.ndarray, t: float, length: float) -> np.ndarray:
+        """(N, 3) velocities after a step from `now` to `t` [s], with the exact momentum and angular momentum of jellos
+        that touch only each other, together: a solve keeps them to its tolerance only."""
         alone, v = self.alone & ~flies, after.v
         if alone.any():
             alone &= ~self.presses(t)
         group, near = np.arange(len(alone)), self.near | np.eye(len(alone), dtype=bool)
-        for _ in group:  # the least number of all that hang together
+        for _ in group:  # connected components, by their smallest index
             group = np.where(near, group, len(group)).min(1)
         for g in np.unique(group):
             members = group == g
@@ -154,25 +149,29 @@ class FreeFlight:
                 v = self._with_momentum(now, after.x, v, members[self.owner], length)
         return v
 
-    def _with_momentum(self, now: Any, x: np.ndarray, v: np.ndarray, own: np.ndarray, length: float) -> np.ndarray:
-        """v with what the particles `own` (N,) had before a free fall of that length."""
+    def _with_momentum(self, now: Instant, x: np.ndarray, v: np.ndarray, own: np.ndarray, length: float) -> np.ndarray:
+        """v with the momenta that the particles `own` (N,) have after a free fall of that length [s] from `now`."""
         one = RigidMotion.of_one(self.whole.each[own])
         before, after = one.of(now.x[own], now.v[own]), one.of(x[own], v[own])
         faster = before.velocity + length * self.gravity() - after.velocity
-        spin = np.linalg.solve(after.inertia, (before.momentum - after.momentum)[..., None])[..., 0]
+        spin = spin_of(after.inertia, before.momentum - after.momentum)
         v = v.copy()
         v[own] += faster + cross(np.broadcast_to(spin, x[own].shape), x[own] - after.centre)
         return v
 
-    def meets(self, write: Any, now: Any, flies: np.ndarray, t: float, length: float) -> np.ndarray:
-        """(J,) which of those that fly come to touch a collider on their way from `t` [s] on, as shaped now.
-        Leaves a place on that way in the fields."""
+    def meets(
+        self, write: Callable[[np.ndarray, np.ndarray], None], now: Instant, flies: np.ndarray, t: float, length: float
+    ) -> np.ndarray:
+        """(J,) which jellos that fly touch a collider on their path from `t` [s] on, undeformed. Leaves a state on that
+        path in the fields."""
         met, close = np.zeros_like(flies), flies & ~self.far
         if not close.any():
             return met
-        looks = max(1, int(self._looks(now.whole, length)[close].max()))
-        for part in np.arange(1, looks + 1) / looks:
-            write(self._place(now, now.whole, turned(now.whole, part * length), flies, part * length), now.v)
+        checks = max(1, int(self._checks(now.whole, length)[close].max()))
+        for part in np.arange(1, checks + 1) / checks:
+            turns = turned(now.whole, part * length)
+            x = self._place(now.x, now.whole.centre, now.whole, turns, part * length)
+            write(np.where(flies[self.owner, None], x, now.x), now.v)
             met = close & self.presses(t + part * length)
             if met.any():
                 break

@@ -1,4 +1,4 @@
-"""Explicit Euler (workshop Eq. 5): every slope taken at the beginning of the step. Unstable without damping."""
+"""Explicit Euler (workshop Eq. 5): x' = x + dt v, v' = v + dt a(x, v). Unstable without damping."""
 
 from taichi_jello.physics.integrators._runge_kutta import RungeKutta
 

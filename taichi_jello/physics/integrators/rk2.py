@@ -1,4 +1,4 @@
-"""The midpoint method: the slope half a step on. Undamped motion grows by a⁴/8 a step, a = ω dt."""
+"""The midpoint method: both slopes are taken in the middle of the step. Undamped motion grows by (ω dt)⁴/8 a step."""
 
 from taichi_jello.physics.integrators._runge_kutta import RungeKutta
 

@@ -1,4 +1,4 @@
-"""The classical fourth-order Runge–Kutta method. Stable undamped up to ω dt = 2√2; whatever the damping, to 2.61."""
+"""The classical Runge–Kutta method of order 4. Stable up to ω dt = 2√2 undamped, up to 2.61 at any damping ratio."""
 
 from taichi_jello.physics.integrators._runge_kutta import RungeKutta
 

@@ -1,8 +1,11 @@
-"""Symplectic (semi-implicit) Euler: the velocity first, then the position with the new velocity."""
+"""Symplectic (semi-implicit) Euler: v' = v + dt a(x, v), x' = x + dt v'."""
 
+from typing import Any
+
+import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.integrators._base import oscillator_matrix
+from taichi_jello.physics.integrators._base import Acceleration, oscillator_matrix
 from taichi_jello.physics.integrators._symplectic import Symplectic
 
 
@@ -10,9 +13,8 @@ from taichi_jello.physics.integrators._symplectic import Symplectic
 class SymplecticEuler(Symplectic):
     name, order = "symplectic-euler", 1
 
-    def __init__(self, memory, state, damped, body):
-        self.state = state
-        self.a = memory.vectors(self.name, "a")
+    def allocate(self) -> None:
+        self.a = self.memory.vectors(self.name, "a")
 
     @ti.func
     def stage(self, system, first, last, s, t, dt):
@@ -26,8 +28,8 @@ class SymplecticEuler(Symplectic):
         system.stop_at_solids(first, last, self.state.x, self.state.x, self.state.v, t, dt, True)
 
     @classmethod
-    def amplification(cls, a, zeta):
-        def step(x, v, h, acceleration):
+    def amplification(cls, a: np.ndarray, zeta: np.ndarray) -> np.ndarray:
+        def step(x: Any, v: Any, h: Any, acceleration: Acceleration) -> Any:
             v = v + h * acceleration(x, v)
             return x + h * v, v
 

@@ -1,31 +1,32 @@
-"""Velocity Verlet, the dashpots by the trapezoid rule: v' = v + dt/2 [a(x, v) + a(x', v')]."""
+"""Velocity Verlet, with dashpots by the trapezoidal rule: v' = v + dt/2 [a(x, v) + a(x', v')]."""
 
+from typing import Any
+
+import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.integrators._base import oscillator_matrix
+from taichi_jello.physics.integrators._base import Acceleration, oscillator_matrix
 from taichi_jello.physics.integrators._symplectic import Symplectic
 
-# v' stands on both sides. Three rounds of putting the last v' in reach the trapezoid rule's stability limit within
-# 3 % up to a damping ratio of 0.2. Where no force reads velocities one evaluation a step is all.
-ROUNDS = 3
+# Fixed-point iterations for v', which is on both sides where forces read velocities. Three come within 3 % of the
+# stability limit of the trapezoidal rule up to a damping ratio of 0.2.
+ITERATIONS = 3
 
 
 @ti.data_oriented
 class VelocityVerlet(Symplectic):
     name, order = "verlet", 2
-    looks_at = 0.5
+    search_at = 0.5
 
-    def __init__(self, memory, state, damped, body):
-        self.state, self.damped = state, damped
-        self.stages = self.evaluations(damped)
-        self.has_begin = not damped
-        self.a = memory.vectors(self.name, "a")
-        if damped:
-            self.half = memory.vectors(self.name, "half-step v")
+    def allocate(self) -> None:
+        self.stages = self.evaluations(self.damped)
+        self.has_begin = not self.damped
+        self.a = self.memory.vectors(self.name, "a")
+        self.half = self.memory.vectors(self.name, "half-step v") if self.damped else self.state.v
 
     @classmethod
-    def evaluations(cls, damped):
-        return ROUNDS + 1 if damped else 1
+    def evaluations(cls, damped: bool) -> int:
+        return ITERATIONS + 1 if damped else 1
 
     @ti.func
     def begin(self, system, first, last, t):
@@ -33,8 +34,8 @@ class VelocityVerlet(Symplectic):
 
     @ti.func
     def stage(self, system, first, last, s, t, dt):
-        """Undamped: kick and drift, then the new force. Damped: stage 0 evaluates at the old end, stage 1 begins
-        with kick and drift, every later one refines the new velocity."""
+        """Undamped: half kick and drift, then the new force. Damped: stage 0 evaluates the force at the start, stage 1
+        begins with half kick and drift, every later one refines the new velocity."""
         if ti.static(self.damped):
             for i in range(first, last):
                 if s == 1:
@@ -55,18 +56,15 @@ class VelocityVerlet(Symplectic):
     @ti.func
     def finish(self, system, first, last, t, dt):
         for i in range(first, last):
-            if ti.static(self.damped):
-                self.state.v[i] = self.half[i] + 0.5 * dt * self.a[i]
-            else:
-                self.state.v[i] = self.state.v[i] + 0.5 * dt * self.a[i]
+            self.state.v[i] = self.half[i] + 0.5 * dt * self.a[i]
 
     @classmethod
-    def amplification(cls, a, zeta):
-        def step(x, v, h, acceleration):
+    def amplification(cls, a: np.ndarray, zeta: np.ndarray) -> np.ndarray:
+        def step(x: Any, v: Any, h: Any, acceleration: Acceleration) -> Any:
             half = v + 0.5 * h * acceleration(x, v)
             x = x + h * half
             v = half + 0.5 * h * acceleration(x - h * half, v)
-            for _ in range(ROUNDS):
+            for _ in range(ITERATIONS):
                 v = half + 0.5 * h * acceleration(x, v)
             return x, v
 

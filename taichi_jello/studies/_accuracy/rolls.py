@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.integrators.implicit_solve.newton import ACCURACY
 from taichi_jello.run.clock import StepWarning
 from taichi_jello.run.diverged import Diverged
 from taichi_jello.run.simulation import Simulation
@@ -39,10 +38,10 @@ def solved_to(simulation: Simulation, tolerance: float | None) -> Iterator[None]
     solver = simulation.system.integrator.solver
     own = solver.accuracy
     try:
-        solver.accuracy = solver.registers[ACCURACY] = tolerance
+        solver.accuracy = solver.now.accuracy[0] = tolerance
         yield
     finally:
-        solver.accuracy = solver.registers[ACCURACY] = own
+        solver.accuracy = solver.now.accuracy[0] = own
 
 
 def one_point(case: Case, exact: Truth, simulation: Simulation, substeps: int, tolerance: float | None = None) -> Roll:

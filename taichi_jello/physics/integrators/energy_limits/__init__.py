@@ -1,1 +1,1 @@
-"""What keeps steps from feeding energy."""
+"""Limits that keep steps from feeding energy."""

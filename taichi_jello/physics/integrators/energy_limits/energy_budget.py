@@ -1,72 +1,67 @@
-"""The energy that a pass over the springs of a crushed jello feeds, taken out again.
+"""The removal of energy that a pass of XPBD over the springs of a crushed jello feeds.
 
-One pass solves every spring alone and is no minimisation: what a spring pushes apart, the next ones may have to pay
-for. Where none is much shorter than at rest, the energy falls all the same. But a spring that is crushed to about half
-its length or less pushes far and turns easily, and where such springs hold a good part of the energy and a step does
-not resolve them, kinetic + elastic energy grows: × 1.4 … 4 for a cube that starts flat or squashed, × 2 … 4 with one
-step a frame.
+A pass solves each spring by itself. Where springs crushed to about half their length hold much of the energy and the
+step does not resolve them, kinetic + elastic energy grows: by a factor of 1.4 to 4 for a cube that starts flat.
 
-There the pass has a budget (as in Su, Sheth & Fedkiw 2013, "Energy conservation for the simulation of deformable
-bodies"): the kinetic energy before it and the elastic energy of where the step begins, which hold all that outer
-forces have done. While kinetic energy after it and the elastic energy of where it leads, x + dt v, are more, the part
-of v that deforms is made smaller, in the last try nothing. The rigid part carries momentum and angular momentum and
-stays as it is; of a pinned jello all that is free is made smaller. What a handle does to springs is its work and not
-counted.
+So the pass gets a budget (like Su, Sheth & Fedkiw 2013, "Energy conservation for the simulation of deformable bodies"):
+the kinetic energy before it, which contains the work of external forces, and the elastic energy at the start of the
+step. While the kinetic energy after it and the elastic energy at x + dt v exceed the budget, the deforming part of v is
+reduced, to zero in the last attempt. The rigid part stays; of a jello with pins all is reduced. The work of handles on
+springs is not counted.
 """
 
-from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces.springs.hooke import VECTORS
-from taichi_jello.physics.integrators.energy_limits.spin import CHUNK
-from taichi_jello.physics.state import LANES
+from taichi_jello.physics.integrators.energy_limits.spin import Spin, chunks, spans
+from taichi_jello.physics.state import LANES, Memory
+from taichi_jello.scene.body import Body
 
-TRIES = 6
-CRUSHED = 0.6  # of its length at rest: a spring that is shorter is crushed
-SHARE = 0.1  # of the elastic energy, from which on what crushed springs hold can feed energy
-SURPLUS = 1.1  # that is taken off the kinetic energy in the first try, over what it is too much; twice that in the next
-SMALLEST = 0.25  # part of the deforming kinetic energy that a try leaves, but the last
-ROUNDING = 8.0  # epsilons of what flows in a step: less is no growth
-GAIN, FLOW, DEFORMING, IN_CRUSHED, IN_ALL = range(5)
+ATTEMPTS = 6
+CRUSHED = 0.6  # of its rest length: a shorter spring is crushed
+CRUSHED_SHARE = 0.1  # of the elastic energy: crushed springs with less feed no energy
+EXCESS = 1.1  # times the excess of energy that the first attempt removes; twice as much in each further one
+MIN_FACTOR = 0.25  # of the deforming kinetic energy that an attempt leaves, except the last
+ROUNDING = 8.0  # rounding units of the energy that a step exchanges: growth below that is ignored
+GAIN, EXCHANGED, DEFORMING, IN_CRUSHED, ELASTIC = range(5)  # columns of the sums [J]
 
 
 @ti.data_oriented
 class Budget:
-    """`doubt` marks jellos with crushed springs in the pass, `limit` is one of TRIES after it, `begin` forgets."""
+    """`begin` forgets, `doubt` marks jellos with crushed springs during the pass, `limit` makes one of ATTEMPTS."""
 
-    def __init__(self, memory, body, springs, spin):
+    def __init__(self, memory: Memory, body: Body, springs: Any, spin: Spin):
         self.springs, self.spin, self.epsilon = springs, spin, ROUNDING * memory.owner.epsilon
-        ends = np.searchsorted(body.jello, np.arange(body.jello[-1] + 2))
-        whole = enumerate(pairwise(ends))
-        chunks = np.array([(k, min(k + CHUNK, b), g) for g, (a, b) in whole for k in range(a, b, CHUNK)])
-        self.count, self.groups = len(chunks), len(ends) - 1
-        starts = np.searchsorted(chunks[:, 2], np.arange(self.groups + 1))
+        self.x, self.v, self.before = spin.x, spin.v, spin.before
+        rows, starts = chunks(spans(body))
+        self.count, self.jellos = len(rows), len(starts) - 1
         jello = np.pad(body.jello, (0, memory.padded - len(body)), mode="edge")
-        self.chunks = memory.table("budget", "chunks", chunks)  # first, last, and which jello
-        self.starts = memory.table("budget", "chunks of jellos", starts)
+        self.chunks = memory.table("budget", "chunks", rows)
+        self.starts = memory.table("budget", "first chunks of jellos", starts)
         self.jello = memory.table("budget", "jello", jello)
         self.shares = memory.zeros("budget", "shares", (memory.padded, 5))
         self.sums = memory.zeros("budget", "sums", (self.count, 5))
-        self.over = memory.zeros("budget", "over", (self.groups,), whole=True)
-        self.scale = memory.zeros("budget", "scale", (self.groups,))
+        self.over = memory.zeros("budget", "over", (self.jellos,), whole=True)
+        self.scale = memory.zeros("budget", "scale", (self.jellos,))
 
     @ti.func
     def begin(self, system, first, last):
-        for g in range(system.share_of(first, self.groups), system.share_of(last, self.groups)):
+        for g in range(system.share_of(first, self.jellos), system.share_of(last, self.jellos)):
             self.over[g] = 0
 
     @ti.func
-    def doubt(self, i, shortened):
-        """A spring of particle i is shorter than at rest by that factor."""
-        if shortened > 1.0 / CRUSHED:
-            self.over[self.jello[i]] = 1  # whoever writes it writes the same
+    def doubt(self, i, compression):
+        """A spring of particle i has 1/compression of its rest length."""
+        if compression > 1.0 / CRUSHED:
+            self.over[self.jello[i]] = 1  # several threads may write the same
 
     @ti.func
-    def limit(self, system, first, last, x, v, before, dt, n):
-        """Try n: make the deforming part of v smaller in jellos whose energy has grown since v was `before`."""
-        system.wait_for_team()  # until v of all particles is there
+    def limit(self, system, first, last, n, t, dt):
+        """Attempt n, a stage of XPBD: reduce the deforming part of v in jellos that have gained energy."""
+        system.wait_for_team()  # until v is complete
         for p in range(first // system.lanes, (last + system.lanes - 1) // system.lanes):
             start = p * system.lanes
             end = ti.min(start + system.lanes, last)
@@ -74,7 +69,7 @@ class Budget:
             for g in range(self.jello[start], self.jello[end - 1] + 1):
                 wanted = wanted | self.over[g]
             if wanted:
-                self.measure(system, start, end, x, v, before, dt)
+                self.measure(system, start, end, dt)
         system.wait_for_team()
         for k in range(system.share_of(first, self.count), system.share_of(last, self.count)):
             if self.over[self.chunks[k][2]]:
@@ -83,84 +78,87 @@ class Budget:
                     total += self.shares[i]
                 self.sums[k] = total
         system.wait_for_team()
-        for g in range(system.share_of(first, self.groups), system.share_of(last, self.groups)):
+        for g in range(system.share_of(first, self.jellos), system.share_of(last, self.jellos)):
             if self.over[g]:
                 self.judge(g, n)
         system.wait_for_team()
         for i in range(first, last):
             if self.over[self.jello[i]] and system.particles.inverse_mass(i) > 0.0:
-                rigid = self.rigid(i, x)
-                v[i] = rigid + self.scale[self.jello[i]] * (v[i] - rigid)
+                rigid = self.rigid(i)
+                self.v[i] = rigid + self.scale[self.jello[i]] * (self.v[i] - rigid)
 
     @ti.func
     def judge(self, g, n):
-        """Whether jello g has too much energy, and what its deforming velocities are to be multiplied by."""
+        """Whether jello g has too much energy, and the factor for its deforming velocities."""
         total = ti.Vector([0.0] * 5)
         for k in range(self.starts[g], self.starts[g + 1]):
             total += self.sums[k]
-        grown = total[GAIN] > self.epsilon * total[FLOW]
-        self.over[g] = ti.cast(grown and total[IN_CRUSHED] > SHARE * total[IN_ALL], ti.i32)
-        surplus = SURPLUS * ti.cast(1 << n, float) * total[GAIN] / ti.max(total[DEFORMING], 1e-30)
-        left = ti.max(1.0 - self.epsilon - surplus, SMALLEST)
-        self.scale[g] = ti.select(n == TRIES - 1, 0.0, ti.sqrt(left))
+        grown = total[GAIN] > self.epsilon * total[EXCHANGED]
+        self.over[g] = ti.cast(grown and total[IN_CRUSHED] > CRUSHED_SHARE * total[ELASTIC], ti.i32)
+        excess = EXCESS * ti.cast(1 << n, float) * total[GAIN] / ti.max(total[DEFORMING], 1e-30)
+        left = ti.max(1.0 - self.epsilon - excess, MIN_FACTOR)
+        self.scale[g] = ti.select(n == ATTEMPTS - 1, 0.0, ti.sqrt(left))
 
     @ti.func
-    def rigid(self, i, x):
-        """The part of a particle's velocity that no limit takes."""
+    def rigid(self, i):
+        """The part of a particle's velocity that stays."""
         velocity = ti.Vector([0.0, 0.0, 0.0])
         if ti.static(self.spin.wanted):
-            velocity = self.spin.rigid(i, x)
+            velocity = self.spin.rigid(i)
         return velocity
 
     @ti.func
-    def measure(self, system, first, last, x, v, before, dt):
-        """The shares of the particles first … last - 1; each spring belongs to the first of its ends. Vectorised as
-        `on_pass` of the springs is."""
-        gain, flow = self.springs.Lanes(0.0), self.springs.Lanes(0.0)
-        crushed, elastic = self.springs.Lanes(0.0), self.springs.Lanes(0.0)
+    def measure(self, system, first, last, dt):
+        """The shares of the particles first … last - 1 of a pass; each spring counts for the first of its ends.
+        Vectorised like Springs.on_pass."""
+        gain, exchanged = self.springs.Lanes(0.0), self.springs.Lanes(0.0)
+        in_crushed, elastic = self.springs.Lanes(0.0), self.springs.Lanes(0.0)
         for e in range(self.springs.start[first // LANES], self.springs.start[first // LANES + 1]):
             shift, mask, material = self.springs.entries[e][0], self.springs.entries[e][1], self.springs.entries[e][2]
             if shift > 0:
                 for start in ti.static(range(0, system.lanes, VECTORS)):
                     for lane in range(start, ti.static(min(start + VECTORS, system.lanes))):
                         i = first + lane
-                        stored, had, of_crushed = self.stored(system, material, i, i + shift, x, v, dt)
+                        stored, had, crushed = self.stored(system, material, i, i + shift, dt)
                         has = (mask >> ((first & (LANES - 1)) + lane)) & 1
                         gain[lane] += ti.select(has, stored, 0.0)
-                        flow[lane] += ti.select(has, ti.abs(stored), 0.0)
-                        crushed[lane] += ti.select(has, of_crushed, 0.0)
+                        exchanged[lane] += ti.select(has, ti.abs(stored), 0.0)
+                        in_crushed[lane] += ti.select(has, crushed, 0.0)
                         elastic[lane] += ti.select(has, had, 0.0)
         for i in range(first, last):
-            own = self.kinetic(system, i, x, v, before)
-            lane = i - first
-            share = [gain[lane] + own[0], flow[lane] + ti.abs(own[0]), own[1], crushed[lane], elastic[lane]]
-            self.shares[i] = ti.Vector(share)
+            gained, deforming = self.kinetic(system, i)
+            n = i - first
+            self.shares[i] = ti.Vector(
+                [gain[n] + gained, exchanged[n] + ti.abs(gained), deforming, in_crushed[n], elastic[n]]
+            )
 
     @ti.func
-    def stored(self, system, material, i, j, x, v, dt):
-        """What the spring from i to j takes up in this step, what it had, and again that if it is crushed [J].
+    def stored(self, system, material, i, j, dt):
+        """The energy [J] that the spring from i to j stores in this step, what it had, and that again if it is crushed.
 
-        ½ k (L'-R)² - ½ k (L-R)², as force times way and so without the rounding of a difference of large numbers."""
+        ½ k (L'-R)² - ½ k (L-R)² is computed as force times displacement, without cancellation."""
         m = self.springs.materials[self.springs.place(material, i)]
-        w = v[j] - v[i]
-        a = x[j] - x[i] + ti.Vector([m[3], m[4], m[5]])
+        stiffness, rest_length = m[0], m[1]
+        w = self.v[j] - self.v[i]
+        a = self.x[j] - self.x[i] + ti.Vector([m[3], m[4], m[5]])
         b = a + dt * w
         length = ti.sqrt(a.dot(a))
         both = length + ti.sqrt(b.dot(b))
         if ti.static(system.particles.pinned):
-            end = system.count - 1  # a lane without the spring may be beyond
-            w = system.particles.free[ti.min(j, end)] * v[j] - system.particles.free[ti.min(i, end)] * v[i]
-        had = 0.5 * m[0] * (length - m[1]) ** 2
-        stored = 0.5 * dt * m[0] * (1.0 - 2.0 * m[1] / both) * w.dot(a + b)
-        return stored, had, ti.select(length < CRUSHED * m[1], had, 0.0)
+            end = system.count - 1  # a lane without this spring may lie beyond
+            w = system.particles.free[ti.min(j, end)] * self.v[j] - system.particles.free[ti.min(i, end)] * self.v[i]
+        had = 0.5 * stiffness * (length - rest_length) ** 2
+        stored = 0.5 * dt * stiffness * (1.0 - 2.0 * rest_length / both) * w.dot(a + b)
+        return stored, had, ti.select(length < CRUSHED * rest_length, had, 0.0)
 
     @ti.func
-    def kinetic(self, system, i, x, v, before):
-        """What particle i gained in the pass, seen from its jello's middle, and what its deforming velocity has [J]."""
-        m, rigid, glide = system.particles.mass(i), self.rigid(i, x), ti.Vector([0.0, 0.0, 0.0])
+    def kinetic(self, system, i):
+        """The energy [J] that particle i gained in the pass, relative to its jello's centre of mass, and that of its
+        deforming velocity."""
+        m, v, before, centre = system.particles.mass(i), self.v[i], self.before[i], ti.Vector([0.0, 0.0, 0.0])
         if ti.static(self.spin.wanted):
-            glide = self.spin.glide_of(i)
-        deforming = v[i] - rigid
+            centre = self.spin.velocity[self.spin.jello[i]]
+        deforming = v - self.rigid(i)
         if ti.static(system.particles.pinned):
             deforming *= system.particles.free[i]
-        return 0.5 * m * (v[i] - before[i]).dot(v[i] + before[i] - 2.0 * glide), 0.5 * m * deforming.dot(deforming)
+        return 0.5 * m * (v - before).dot(v + before - 2.0 * centre), 0.5 * m * deforming.dot(deforming)

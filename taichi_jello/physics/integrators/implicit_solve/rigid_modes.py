@@ -1,27 +1,30 @@
-"""Moving as a whole: what stretches no spring, however stiff, is solved for by itself, and rotations really turn.
+"""The rigid modes of each jello: solved for exactly, and followed along finite rotations.
 
-For every jello that is not pinned these are six modes Z: three translations and three rotations ω × ρ about its
-centre. Two things follow from them.
+A jello without pins has six rigid modes, the columns of Z: three translations and three rotations ω × ρ about its
+centre. The matrix A of the preconditioner resists rotations and does not know of contact. So with the diagonal blocks B
+of H (mass, contact) Q = Z (ZᵀBZ)⁻¹ Zᵀ is added, the inverse of H on rigid motions: s = (Q + A⁻¹) r.
 
-A constant matrix A resists every difference of displacements, and with it rotations; and it does not know of contact,
-which makes a body stiff against translation. So the modes are solved for besides: with the particles' own blocks B
-(mass, contact) in place of H, Q = Z (ZᵀBZ)⁻¹ Zᵀ is the inverse of H where it moves bodies as a whole, and conjugate
-gradients are preconditioned by s = (Q + A⁻¹) r. (Balanced as in Mandel 1993, s = Q r + (I - QB) A⁻¹ (I - BQ) r, they
-take two thirds of the products, each for half as much more time and a third more code to compile.)
-
-A straight way ω × ρ stretches a body that turns by a finite angle, by k ω⁴ and so the more the stiffer it is. So a step
-along d goes round: the part τ + ω × ρ of it that came from the modes is made with R = exp([ω]), and only the rest e is
-straight: x' = centre + τ + R (ρ + e).
+A straight displacement ω × ρ stretches a body that turns by a finite angle, with an energy of k ω⁴. So the rigid part
+τ + ω × ρ of a step d is made with the rotation R = exp([ω]), and only the rest e is straight:
+x' = centre + τ + R (ρ + e).
 """
 
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.state import LANES
+from taichi_jello.physics.integrators._base import serial
+from taichi_jello.physics.state import LANES, Memory
+from taichi_jello.scene.body import Body
 
 MODES = 6
-ENTRIES = 21  # of a symmetric matrix of that size
-FREE = 0.999  # of the displacement that a force gives a jello which nothing but its mass resists
+UPPER = [(row, column) for row in range(MODES) for column in range(row, MODES)]  # of a symmetric matrix of that size
+FREE = 0.999  # of the displacement that a force would give a jello with no other resistance than its mass
+
+
+@ti.func
+def skew(w):
+    """The matrix [w] with [w] u = w × u."""
+    return ti.Matrix([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
 
 
 @ti.func
@@ -32,11 +35,11 @@ def times(block, i, u):
 
 
 @ti.func
-def inertia_of(D, E, u):
-    """What a particle with the block B at u from the centre adds to ZᵀBZ = ((B, -B[u]), ([u]B, -[u]B[u])), [u] = u ×:
-    its ENTRIES."""
+def generalised_mass(D, E, u):
+    """The UPPER entries that a particle with the block B at u from the centre adds to
+    ZᵀBZ = ((B, -B[u]), ([u]B, -[u]B[u]))."""
     B = ti.Matrix([[D[0], E[2], E[1]], [E[2], D[1], E[0]], [E[1], E[0], D[2]]])
-    U = ti.Matrix([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
+    U = skew(u)
     F = B @ U
     G = U @ F
     forces = [D[0], E[2], E[1], -F[0, 0], -F[0, 1], -F[0, 2], D[1], E[0], -F[1, 0], -F[1, 1], -F[1, 2], D[2]]
@@ -45,19 +48,19 @@ def inertia_of(D, E, u):
 
 
 @ti.func
-def less_one(w):
-    """R - I for R = exp([w]), Rodrigues' formula; sin and 1 - cos without cancellation where w is small."""
+def rotation_minus_identity(w):
+    """exp([w]) - I by Rodrigues' formula, with sin and 1 - cos free of cancellation for small w."""
     half = 0.5 * w.norm()
     a = ti.sin(half) / half if half > 1e-4 else 1.0 - half * half / 6.0
-    W = ti.Matrix([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    W = skew(w)
     return a * ti.cos(half) * W + 0.5 * a * a * (W @ W)
 
 
 @ti.data_oriented
-class Rigid:
-    """Sums over a jello are sums over chunks of at most LANES of its particles, which members of a team share."""
+class RigidModes:
+    """Sums over a jello are sums over chunks of at most LANES of its particles, which the threads of a team share."""
 
-    def __init__(self, memory, body):
+    def __init__(self, memory: Memory, body: Body):
         jellos = int(body.jello[-1]) + 1
         cuts = np.union1d(np.arange(0, len(body), LANES), np.searchsorted(body.jello, np.arange(jellos)))
         ends = np.append(cuts[1:], len(body))
@@ -67,19 +70,20 @@ class Rigid:
         self.chunks = memory.table("solve", "chunks", np.stack([cuts, ends], 1))
         self.of_block = memory.table("solve", "chunks of blocks", np.searchsorted(cuts, np.minimum(starts, len(body))))
         spans = [np.searchsorted(owner, np.arange(jellos) + k) for k in (0, 1)]
-        self.spans = memory.table("solve", "jellos", np.stack([*spans, free], 1))
-        self.group = memory.table("solve", "jello", np.pad(body.jello, (0, memory.padded - len(body))))
+        self.spans = memory.table("solve", "chunks of jellos", np.stack(spans, 1))
+        self.free = memory.table("solve", "jellos without pins", free.astype(np.int32))
+        self.jello = memory.table("solve", "jello", np.pad(body.jello, (0, memory.padded - len(body))))
         self.jellos = jellos
         self.mass = memory.table("solve", "masses", np.bincount(body.jello, body.mass))
-        self.together = memory.table("solve", "speed together", np.zeros((1, 3)))
-        self.center = memory.table("solve", "centres", np.zeros((jellos, 3)))
-        self.inverse = memory.numbers("solve", "inverse of modes", (jellos, MODES, MODES))
-        self.modes = memory.numbers("solve", "modes", (jellos, MODES))  # τ and ω that were asked for last
-        self.turning = memory.numbers("solve", "turning", (jellos, MODES + 9))  # τ, ω and R - I of the step to go
-        self.terms = memory.numbers("solve", "terms", (len(cuts), ENTRIES))
-        self.totals = memory.numbers("solve", "totals", (jellos, MODES * MODES))
+        self.joint_velocity = memory.zeros("solve", "joint velocity", (1, 3))
+        self.centre = memory.zeros("solve", "centres", (jellos, 3))
+        self.inverse = memory.numbers("solve", "inverse of modes", (jellos, MODES, MODES))  # (ZᵀBZ)⁻¹, 0 with pins
+        self.tau, self.omega = (memory.zeros("solve", name, (jellos, 3)) for name in ("translations", "rotations"))
+        self.turn = memory.zeros("solve", "rotation matrices", (3 * jellos, 3))  # the rows of R - I
+        self.terms = memory.numbers("solve", "terms", (len(cuts), len(UPPER)))
+        self.totals = memory.numbers("solve", "totals", (jellos, len(UPPER)))
 
-    # Every function below is called by all members of a team, each for its particles first … last - 1.
+    # All threads of the team call `begin`, `project` and `aim`, each for its particles first … last - 1.
 
     @ti.func
     def first_chunk(self, particle):
@@ -87,57 +91,42 @@ class Rigid:
 
     @ti.func
     def begin(self, system, first, last, x, block):
-        """Centres and (ZᵀBZ)⁻¹ for particles at x with the blocks B."""
+        """Find the centres and (ZᵀBZ)⁻¹ for particles at x with the blocks B."""
         for k in range(self.first_chunk(first), self.first_chunk(last)):
             moment, mass = ti.Vector([0.0, 0.0, 0.0]), ti.cast(0.0, float)
             for i in range(self.chunks[k][0], self.chunks[k][1]):
                 moment += system.particles.mass(i) * x[i]
                 mass += system.particles.mass(i)
-            self.keep(k, 0, moment, ti.Vector([mass, 0.0, 0.0]))
+            self.set_terms(k, moment, ti.Vector([mass, 0.0, 0.0]))
         self.add_up(system, first, last, MODES)
         for g in range(self.jellos):
-            if first == 0 and last > 0:
-                moment = ti.Vector([self.totals[g, 0], self.totals[g, 1], self.totals[g, 2]])
-                self.center[g] = moment / self.totals[g, 3]
+            if serial(first, last):
+                self.centre[g] = self.total(g) / self.totals[g, 3]
         system.wait_for_team()
         for k in range(self.first_chunk(first), self.first_chunk(last)):
-            center = self.center[self.group[self.chunks[k][0]]]
-            total = ti.Vector([0.0 for _ in range(ENTRIES)])
+            centre = self.centre[self.jello[self.chunks[k][0]]]
+            total = ti.Vector([0.0 for _ in UPPER])
             for i in range(self.chunks[k][0], self.chunks[k][1]):
-                total += inertia_of(block[0, i], block[1, i], x[i] - center)
-            for entry in ti.static(range(ENTRIES)):
+                total += generalised_mass(block[0, i], block[1, i], x[i] - centre)
+            for entry in ti.static(range(len(UPPER))):
                 self.terms[k, entry] = total[entry]
-        self.add_up(system, first, last, ENTRIES)
+        self.add_up(system, first, last, len(UPPER))
         for g in range(self.jellos):
-            if first == 0 and last > 0:
-                self.spread(g)
+            if serial(first, last):
                 self.invert(g)
         system.wait_for_team()
 
     @ti.func
-    def spread(self, g):
-        """The matrix from its ENTRIES, which stand in its rows from the diagonal on."""
-        entry = ENTRIES
-        for k in range(MODES * MODES):
-            row, column = MODES - 1 - k // MODES, MODES - 1 - k % MODES
-            if column >= row:
-                entry -= 1
-                self.totals[g, MODES * row + column] = self.totals[g, entry]
-        for k in range(MODES * MODES):
-            if k % MODES < k // MODES:
-                self.totals[g, k] = self.totals[g, MODES * (k % MODES) + k // MODES]
-
-    @ti.func
-    def keep(self, k, at, force, torque):
+    def set_terms(self, k, force, torque):
         for axis in ti.static(range(3)):
-            self.terms[k, at + axis], self.terms[k, at + 3 + axis] = force[axis], torque[axis]
+            self.terms[k, axis], self.terms[k, 3 + axis] = force[axis], torque[axis]
 
     @ti.func
     def add_up(self, system, first, last, count):
-        """The first terms of all chunks of each jello."""
+        """The sums of the first `count` terms over the chunks of each jello."""
         system.wait_for_team()
         for g in range(self.jellos):
-            if first == 0 and last > 0:
+            if serial(first, last):
                 for term in range(count):
                     total = ti.cast(0.0, float)
                     for k in range(self.spans[g][0], self.spans[g][1]):
@@ -145,107 +134,102 @@ class Rigid:
                     self.totals[g, term] = total
 
     @ti.func
+    def total(self, g):
+        """The first three sums of jello g."""
+        return ti.Vector([self.totals[g, 0], self.totals[g, 1], self.totals[g, 2]])
+
+    @ti.func
     def invert(self, g):
-        """(ZᵀBZ)⁻¹ by sweeping out one mode after the other (Goodnight 1979), which leaves -1 times it. What has no
-        inertia, a rope about itself, is given a little; a jello that is held has no such modes."""
-        least = ti.cast(1e-30, float)
+        """(ZᵀBZ)⁻¹ by sweeping one mode after the other (Goodnight 1979), which results in -(ZᵀBZ)⁻¹. A rope gets a
+        little inertia about itself."""
+        for entry in ti.static(range(len(UPPER))):
+            row, column = ti.static(UPPER[entry])
+            self.inverse[g, row, column] = self.inverse[g, column, row] = self.totals[g, entry]
+        smallest = ti.cast(1e-30, float)
         for k in range(3, MODES):
-            least += 1e-6 * self.totals[g, MODES * k + k]
+            smallest += 1e-6 * self.inverse[g, k, k]
         for k in range(MODES):
-            pivot = self.totals[g, MODES * k + k]
+            pivot = self.inverse[g, k, k]
             if k >= 3:
-                pivot = ti.max(pivot, least)
-            for entry in range(MODES * MODES):
-                row, column = entry // MODES, entry % MODES
+                pivot = ti.max(pivot, smallest)
+            for row, column in ti.ndrange(MODES, MODES):
                 if row != k and column != k:
-                    both = self.totals[g, MODES * row + k] * self.totals[g, MODES * k + column]
-                    self.totals[g, entry] = self.totals[g, entry] - both / pivot
+                    product = self.inverse[g, row, k] * self.inverse[g, k, column]
+                    self.inverse[g, row, column] = self.inverse[g, row, column] - product / pivot
             for other in range(MODES):
-                self.totals[g, MODES * k + other] = self.totals[g, MODES * k + other] / pivot
-                self.totals[g, MODES * other + k] = self.totals[g, MODES * other + k] / pivot
-            self.totals[g, MODES * k + k] = -1.0 / pivot
-        for entry in range(MODES * MODES):
-            self.inverse[g, entry // MODES, entry % MODES] = -self.spans[g][2] * self.totals[g, entry]
+                self.inverse[g, k, other] = self.inverse[g, k, other] / pivot
+                self.inverse[g, other, k] = self.inverse[g, other, k] / pivot
+            self.inverse[g, k, k] = -1.0 / pivot
+        for row, column in ti.ndrange(MODES, MODES):
+            self.inverse[g, row, column] = -self.free[g] * self.inverse[g, row, column]
 
     @ti.func
     def project(self, system, first, last, x, r):
-        """The modes that answer the forces r, (ZᵀBZ)⁻¹ Zᵀ r."""
+        """The modes (ZᵀBZ)⁻¹ Zᵀ r for the forces r."""
         for k in range(self.first_chunk(first), self.first_chunk(last)):
-            center = self.center[self.group[self.chunks[k][0]]]
+            centre = self.centre[self.jello[self.chunks[k][0]]]
             force, torque = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
             for i in range(self.chunks[k][0], self.chunks[k][1]):
                 force += r[i]
-                torque += (x[i] - center).cross(r[i])
-            self.keep(k, 0, force, torque)
+                torque += (x[i] - centre).cross(r[i])
+            self.set_terms(k, force, torque)
         self.add_up(system, first, last, MODES)
         for g in range(self.jellos):
-            if first == 0 and last > 0:
-                for mode in range(MODES):
-                    total = ti.cast(0.0, float)
-                    for other in range(MODES):
-                        total += self.inverse[g, mode, other] * self.totals[g, other]
-                    self.modes[g, mode] = total
+            if serial(first, last):
+                tau, omega = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+                for axis in ti.static(range(3)):
+                    for mode in range(MODES):
+                        tau[axis] += self.inverse[g, axis, mode] * self.totals[g, mode]
+                        omega[axis] += self.inverse[g, 3 + axis, mode] * self.totals[g, mode]
+                self.tau[g], self.omega[g] = tau, omega
         system.wait_for_team()
-
-    @ti.func
-    def parts(self, g):
-        """τ and ω. (Whoever asks has the index of a single jello read too, not the number 0: Taichi would take
-        modes[0, k] for constant within a frame.)"""
-        return (
-            ti.Vector([self.modes[g, 0], self.modes[g, 1], self.modes[g, 2]]),
-            ti.Vector([self.modes[g, 3], self.modes[g, 4], self.modes[g, 5]]),
-        )
 
     @ti.func
     def displacement(self, i, x):
-        """τ + ω × ρ of particle i."""
-        g = self.group[i]
-        tau, omega = self.parts(g)
-        return tau + omega.cross(x[i] - self.center[g])
+        """τ + ω × ρ of particle i. (Even a single jello's index is read from a field: Taichi would take tau[0] for
+        constant within a frame.)"""
+        g = self.jello[i]
+        return self.tau[g] + self.omega[g].cross(x[i] - self.centre[g])
 
     @ti.func
     def is_free(self, g, c):
-        """Whether nothing but its mass resists jello g, in a step of c [s], along any axis."""
-        least = ti.cast(1.0, float)
+        """Whether nothing but its mass resists a translation of jello g in a step of c [s]."""
+        smallest = ti.cast(1.0, float)
         for axis in ti.static(range(3)):
-            least = ti.min(least, self.inverse[g, axis, axis] * self.mass[g] / (c * c))
-        return least > FREE
+            smallest = ti.min(smallest, self.inverse[g, axis, axis] * self.mass[g] / (c * c))
+        return smallest > FREE
 
     @ti.func
     def join(self, c):
-        """The speed [m/s] that the forces of the last projection give in c [s] to all jellos that are not free."""
+        """The velocity [m/s] that the forces of the last projection give in c [s] to all jellos that are not free,
+        moving as one."""
         force, mass = ti.Vector([0.0, 0.0, 0.0]), ti.cast(1e-30, float)
         for g in range(self.jellos):
             if not self.is_free(g, c):
-                force += ti.Vector([self.totals[g, 0], self.totals[g, 1], self.totals[g, 2]])
+                force += self.total(g)
                 mass += self.mass[g]
-        self.together[0] = c / mass * force
+        self.joint_velocity[0] = c / mass * force
 
     @ti.func
-    def aim(self, system, first, last, part):
-        """For `way`: this part of the modes that were asked for last, and how it turns. A step that would turn by more
-        than a radian, of a body that is almost a point for one, goes straight."""
+    def aim(self, system, first, last, fraction):
+        """Prepare `way`: scale the modes of the last projection by this fraction and find the rotation. A step that
+        would turn a body by more than a radian, as one that is almost a point, goes straight."""
         for g in range(self.jellos):
-            if first == 0 and last > 0:
-                tau, omega = self.parts(g)
-                kept = ti.select(omega.norm() < 1.0, part, 0.0)
-                tau, omega = kept * tau, kept * omega
-                R = less_one(omega)
+            if serial(first, last):
+                kept = ti.select(self.omega[g].norm() < 1.0, fraction, 0.0)
+                self.tau[g], self.omega[g] = kept * self.tau[g], kept * self.omega[g]
+                R = rotation_minus_identity(self.omega[g])
                 for row in ti.static(range(3)):
-                    self.turning[g, row], self.turning[g, 3 + row] = tau[row], omega[row]
-                    for column in ti.static(range(3)):
-                        self.turning[g, MODES + 3 * row + column] = R[row, column]
+                    self.turn[3 * g + row] = ti.Vector([R[row, 0], R[row, 1], R[row, 2]])
         system.wait_for_team()
 
     @ti.func
-    def way(self, i, x, d, part):
-        """Where particle i goes from x by this part of the step d, as a displacement; and its direction there."""
-        g = self.group[i]
-        T = ti.Vector([self.turning[g, k] for k in range(MODES + 9)])
-        tau, omega = ti.Vector([T[0], T[1], T[2]]), ti.Vector([T[3], T[4], T[5]])
-        R = ti.Matrix([[T[6], T[7], T[8]], [T[9], T[10], T[11]], [T[12], T[13], T[14]]])
-        rho = x[i] - self.center[g]
-        e = part * d[i] - tau - omega.cross(rho)
+    def way(self, i, x, d, fraction):
+        """The displacement of particle i from x by this fraction of the step d, and its derivative."""
+        g = self.jello[i]
+        tau, omega, rho = self.tau[g], self.omega[g], x[i] - self.centre[g]
+        R = ti.Matrix.rows([self.turn[3 * g], self.turn[3 * g + 1], self.turn[3 * g + 2]])
+        e = fraction * d[i] - tau - omega.cross(rho)
         straight, spun = e + R @ e, R @ rho
         direction = tau + omega.cross(rho + spun + straight) + straight
         return tau + straight + spun, direction
