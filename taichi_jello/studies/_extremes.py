@@ -131,10 +131,6 @@ def steady(simulation: Simulation, start: np.ndarray) -> str:
     return f"energy up by {trend:.1e}" if trend > MAX_TREND and simulation.system.integrator.order > 1 else ""
 
 
-def random(x: np.ndarray) -> np.ndarray:
-    return np.random.default_rng(5).uniform(-0.5, 0.5, x.shape)
-
-
 def falling(speed: float) -> dict[str, Any]:
     return {"position": (0.0, 0.6, 0.0), "velocity": (0.0, -speed, 0.0)}
 
@@ -145,52 +141,40 @@ def closing(side: float) -> Plane:
     return Plane(point=(0.0, 0.52 * side, 0.0), normal=(0.0, -side, 0.0), keyframe=way)
 
 
-GROUND = {"collider": [Plane()]}
-SLAB = {"collider": [Block(center=(0.0, 0.0, 0.0), size=(4.0, 0.05, 4.0))], "gravity": STILL}
+GROUND: dict[str, Any] = {"scene": {"collider": [Plane()]}}
+SLAB: dict[str, Any] = {
+    "scene": {"collider": [Block(center=(0.0, 0.0, 0.0), size=(4.0, 0.05, 4.0))], "gravity": STILL},
+    "check": not_through,
+}
 BALL = {"collider": [Sphere(center=(0.0, 0.0, 0.0), radius=0.03)], "gravity": STILL}
 PRESS = {"collider": [closing(1.0), closing(-1.0)], "gravity": STILL}
 MIXED = {"stiffness": 1.0, "region": [Region(max=(1.0, 0.5, 1.0), stiffness_factor=1e6)]}
+POINT = {"points": (1, 1, 1)}
+TURNING = {"points": (2, 2, 2), "spin": (0.01, 0.02, 0.04)}
+FREE = {"gravity": STILL, "solver": Solver(frame_dt=0.25)}
 CASES = (
     Extreme("all points on one point", {}, lambda x: 0.0 * x),
     Extreme("flat", {}, lambda x: x * [1.0, 0.0, 1.0]),
     Extreme("flat, 1 % thick", {"damping": 1.0}, lambda x: x * [1.0, 0.01, 1.0], seconds=2.0, check=recovered),
-    Extreme("random points", {}, random),
+    Extreme("random points", {}, lambda x: np.random.default_rng(5).uniform(-0.5, 0.5, x.shape)),
     Extreme("mirrored", {}, lambda x: x * [-1.0, 1.0, 1.0], check=unmoved),
     Extreme("stretched 10 times", {"damping": 1.0}, lambda x: x * [1.0, 10.0, 1.0], seconds=2.0, check=recovered),
     Extreme("twisted by 360°", {}, lambda x: twisted(x, 360.0, 0.0)),
-    Extreme("k = 1e-6 N/m", {"stiffness": 1e-6, "damping": 0.0, **falling(0.0)}, scene=GROUND),
-    Extreme("k = 1e8 N/m", {"stiffness": 1e8, **falling(5.0)}, scene=GROUND, seconds=0.25, check=above),
-    Extreme("k = 1e6 N/m", {"stiffness": 1e6, **falling(5.0)}, scene=GROUND, seconds=0.25, check=above),
-    Extreme("k from 1 to 1e6 N/m", {**MIXED, **falling(5.0)}, scene=GROUND, seconds=0.25),
+    Extreme("k = 1e-6 N/m", {"stiffness": 1e-6, "damping": 0.0, **falling(0.0)}, **GROUND),
+    Extreme("k = 1e8 N/m", {"stiffness": 1e8, **falling(5.0)}, **GROUND, seconds=0.25, check=above),
+    Extreme("k = 1e6 N/m", {"stiffness": 1e6, **falling(5.0)}, **GROUND, seconds=0.25, check=above),
+    Extreme("k from 1 to 1e6 N/m", {**MIXED, **falling(5.0)}, **GROUND, seconds=0.25),
     Extreme("melted, k = 0", {"stiffness": 0.0, "damping": 0.0}, scene={}, check=fallen),
-    Extreme("hits the ground at 100 m/s", falling(100.0), scene=GROUND, check=above),
-    Extreme("hits the ground at 1000 m/s", falling(1000.0), scene=GROUND, check=above),
-    Extreme("hits a slab of 5 cm at 100 m/s", falling(100.0), scene=SLAB, check=not_through),
-    Extreme("hits a slab of 5 cm at 1000 m/s", falling(1000.0), scene=SLAB, check=not_through),
-    Extreme(
-        "stiff, hits a slab at 1000 m/s",
-        {"stiffness": 1e6, **falling(1000.0)},
-        scene=SLAB,
-        seconds=0.1,
-        check=not_through,
-    ),
-    Extreme(
-        "one point hits a ball at 1000 m/s",
-        {"points": (1, 1, 1), **falling(1000.0)},
-        scene=BALL,
-        seconds=0.1,
-        check=not_through,
-    ),
+    Extreme("hits the ground at 100 m/s", falling(100.0), **GROUND, check=above),
+    Extreme("hits the ground at 1000 m/s", falling(1000.0), **GROUND, check=above),
+    Extreme("hits a slab of 5 cm at 100 m/s", falling(100.0), **SLAB),
+    Extreme("hits a slab of 5 cm at 1000 m/s", falling(1000.0), **SLAB),
+    Extreme("stiff, hits a slab at 1000 m/s", {"stiffness": 1e6, **falling(1000.0)}, **SLAB, seconds=0.1),
+    Extreme("one point hits a ball at 1000 m/s", POINT | falling(1000.0), scene=BALL, seconds=0.1, check=not_through),
     Extreme("crushed between two planes", {}, scene=PRESS, check=symmetric, driven=True),
-    Extreme("one point", {"points": (1, 1, 1), **falling(1.0)}, scene=GROUND, check=above),
-    Extreme("a row of points", {"points": (1, 6, 1), **falling(1.0)}, scene=GROUND),
-    Extreme("a sheet of points", {"points": (5, 1, 5), **falling(1.0)}, scene=GROUND, check=above),
-    Extreme(
-        "turns for 1e6 steps",
-        {"points": (2, 2, 2), "spin": (0.01, 0.02, 0.04)},
-        scene={"gravity": STILL, "solver": Solver(frame_dt=0.25)},
-        steps=1_000_000,
-        check=steady,
-    ),
+    Extreme("one point", POINT | falling(1.0), **GROUND, check=above),
+    Extreme("a row of points", {"points": (1, 6, 1), **falling(1.0)}, **GROUND),
+    Extreme("a sheet of points", {"points": (5, 1, 5), **falling(1.0)}, **GROUND, check=above),
+    Extreme("turns for 1e6 steps", TURNING, scene=FREE, steps=1_000_000, check=steady),
     Extreme("10 km from the origin", {"position": (1e4, 0.0, 0.0), "stiffness": 1e4}, check=undisturbed),
 )

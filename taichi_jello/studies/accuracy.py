@@ -28,7 +28,11 @@ def measure(chosen: argparse.Namespace) -> Figures:
     """All figures; with --quick the smooth case on a small lattice. Raises SceneError for an unknown method."""
     if chosen.scene == motion.NAME:
         return motion.measure(chosen)
-    cases = asked_cases(chosen)
+    known = built_in(chosen.quick)
+    if chosen.scene is None:
+        cases = default(chosen.quick)
+    else:
+        cases = [known.get(chosen.scene) or case_of(chosen.load(), chosen.seconds)]
     methods = methods_of(chosen, sorted(schemes()))
     arch = runtime.choose_arch(chosen.arch)
     precisions = ["f32"] if arch in ("vulkan", "metal") else ["f64", "f32"]
@@ -36,13 +40,6 @@ def measure(chosen: argparse.Namespace) -> Figures:
     total = len(cases) * (1 + len(precisions) * (len(methods) + 1))
     take(chosen, results, pieces(chosen, cases, methods, precisions, results), "accuracy", total)
     return results
-
-
-def asked_cases(chosen: argparse.Namespace) -> list[Case]:
-    if chosen.scene is None:
-        return default(chosen.quick)
-    known = built_in(chosen.quick)
-    return [known[chosen.scene]] if chosen.scene in known else [case_of(chosen.load(), chosen.seconds)]
 
 
 def pieces(
@@ -99,8 +96,9 @@ def climb(
     for rung in range(len(given) if given else 1 if chosen.substeps or chosen.dt else MAX_RUNGS):
         one = measure_point(case, exact, simulation, given[rung] if given else substeps)
         yield one
-        for tolerance in looser_tolerances(simulation):
-            yield measure_point(case, exact, simulation, one.point["steps"] // case.frames, tolerance)
+        for tolerance in TOLERANCES if one.point["tolerance"] else ():
+            if tolerance > 2.0 * one.point["tolerance"]:
+                yield measure_point(case, exact, simulation, one.point["steps"] // case.frames, tolerance)
         if given:
             continue
         rungs.append(substeps)
@@ -109,11 +107,6 @@ def climb(
         if too_slow or one.point["error"] < exact.floor:
             return
         substeps *= 2
-
-
-def looser_tolerances(simulation: Simulation) -> list[float]:
-    integrator = simulation.system.integrator
-    return [one for one in TOLERANCES if one > 2.0 * integrator.solver.accuracy] if integrator.solves else []
 
 
 def coarsest(simulation: Simulation, chosen: argparse.Namespace) -> int:
@@ -176,5 +169,4 @@ def case_page(case: Figures) -> list[str]:
 
 def plot(results: Figures, path: Path) -> None:
     """Error over run time and over the step, a row of axes for each case. Raises Lacking."""
-    draw = page.draw if "rows" in results else work_precision.draw
-    draw(results, path)
+    (page.draw if "rows" in results else work_precision.draw)(results, path)

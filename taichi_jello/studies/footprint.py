@@ -23,18 +23,7 @@ from taichi_jello.run.explain import facts
 from taichi_jello.run.simulation import Simulation
 from taichi_jello.scene.description import Contact, Pin, Scene, Solver
 from taichi_jello.shapes.lattice import Box
-from taichi_jello.studies._report import (
-    INTERRUPTED,
-    headline,
-    interleaved,
-    machine,
-    min_and_median,
-    new_figure,
-    save_figure,
-    seconds_of,
-    table,
-    take,
-)
+from taichi_jello.studies import _report as report
 from taichi_jello.support import runtime
 
 MANY = True  # scenes in one call
@@ -47,8 +36,13 @@ KINDS = ("absent", "unused", "used")
 CUBE, DAMPED = Box(damping=0.0), Box()
 BARE = Scene(gravity=(0.0, 0.0, 0.0), jello=[CUBE], solver=Solver(frame_dt=STEPS * DT))
 PLANE = Plane(point=(0.0, -0.501, 0.0))
-ON_PLANE = replace(BARE, collider=[PLANE], contact=Contact(friction=0.0))
-TWO = replace(BARE, jello=[CUBE, Box(points=(4, 4, 4), position=(3.0, 0.0, 0.0), damping=0.0)])
+GROUND = {"collider": [PLANE]}
+NO_CONTACT, FRICTIONLESS = Contact(stiffness=0.0), Contact(friction=0.0)
+ON_PLANE = replace(BARE, collider=[PLANE], contact=FRICTIONLESS)
+OTHER = Box(points=(4, 4, 4), position=(3.0, 0.0, 0.0), damping=0.0)
+TWO = replace(BARE, jello=[CUBE, OTHER], contact=NO_CONTACT)
+HELD = replace(CUBE, pin=[Pin(max=(0.0, 1.0, 1.0))])
+NO_FIELD, FIELD = UniformField(force=(0.0, 0.0, 0.0)), UniformField(force=(0.0, 0.1, 0.0))
 
 
 @dataclass(frozen=True)
@@ -72,32 +66,12 @@ FEATURES = (
     Feature("dashpots", BARE, {"jello": [replace(CUBE, damping=0.0)]}, {"jello": [DAMPED]}),
     Feature("gravity", BARE, {"gravity": (0.0, 0.0, 0.0)}, {"gravity": (0.0, -9.81, 0.0)}),
     Feature("drag", BARE, {"drag": 0.0}, {"drag": 0.5}),
-    Feature(
-        "contact",
-        BARE,
-        {"collider": [PLANE], "contact": Contact(stiffness=0.0)},
-        {"collider": [PLANE], "contact": Contact(friction=0.0)},
-    ),
+    Feature("contact", BARE, GROUND | {"contact": NO_CONTACT}, GROUND | {"contact": FRICTIONLESS}),
     Feature("friction", ON_PLANE, {"contact": Contact(friction=0.0)}, {"contact": Contact()}),
-    Feature("sphere", ON_PLANE, {"collider": [PLANE]}, {"collider": [PLANE, Sphere(center=(0.0, -3.0, 0.0))]}),
-    Feature(
-        "touching jellos",
-        replace(TWO, contact=Contact(stiffness=0.0)),
-        {"contact": Contact(touch=False)},
-        {"contact": TWO.contact},
-    ),
-    Feature(
-        "pins",
-        BARE,
-        {"jello": [replace(CUBE, pin=[])]},
-        {"jello": [replace(CUBE, pin=[Pin(max=(0.0, 1.0, 1.0))])]},
-    ),
-    Feature(
-        "uniform field",
-        BARE,
-        {"force": [UniformField(force=(0.0, 0.0, 0.0))]},
-        {"force": [UniformField(force=(0.0, 0.1, 0.0))]},
-    ),
+    Feature("sphere", ON_PLANE, GROUND, {"collider": [PLANE, Sphere(center=(0.0, -3.0, 0.0))]}),
+    Feature("touching jellos", TWO, {"contact": Contact(touch=False)}, {"contact": Contact()}),
+    Feature("pins", BARE, {"jello": [replace(CUBE, pin=[])]}, {"jello": [HELD]}),
+    Feature("uniform field", BARE, {"force": [NO_FIELD]}, {"force": [FIELD]}),
     Feature("hand", BARE, {}, {"force": [Grab()]}),
     Feature("ledger", replace(BARE, jello=[DAMPED]), {}, ledger=True),
 )
@@ -110,8 +84,8 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
         chosen.scene = name
         scenes[name] = chosen.load()
     features: tuple[Feature, ...] = () if chosen.scenes else FEATURES[:4] if chosen.quick else FEATURES
-    results: dict[str, Any] = machine() | {"scenes": [], "features": []}
-    take(chosen, results, pieces(chosen, scenes, features, results), "footprint", len(scenes) + len(features))
+    results: dict[str, Any] = report.machine() | {"scenes": [], "features": []}
+    report.take(chosen, results, pieces(chosen, scenes, features, results), "footprint", len(scenes) + len(features))
     return results
 
 
@@ -135,22 +109,20 @@ def feature_row(feature: Feature, chosen: argparse.Namespace) -> dict[str, Any]:
         runtime.start(chosen.arch, chosen.precision, 1)
         order = KINDS[number % 3 :] + KINDS[: number % 3]
         made = {kind: feature.simulation(kind, method) for kind in order}
-        times = interleaved(list(map(stepping, made.values())), *((0.01, 3) if chosen.quick else (SHORTEST, REPEATS)))
+        times = report.interleaved(
+            list(map(stepping, made.values())), *((0.01, 3) if chosen.quick else (SHORTEST, REPEATS))
+        )
         for kind, more in zip(made, times, strict=True):
             turns[kind] += more
-        unused, unused_within = added(turns["unused"], turns["absent"])
-        use, use_within = added(turns["used"], turns["absent"])
-        if number + 1 >= MIN_ROUNDS and unused_within <= PRECISE:
+        if number + 1 >= MIN_ROUNDS and added(turns["unused"], turns["absent"])[1] <= PRECISE:
             break
-    seconds = {kind: min_and_median(found) for kind, found in turns.items()}
+    seconds = {kind: report.min_and_median(found) for kind, found in turns.items()}
     size = {kind: sum(size for *_, size in one.system.memory.fields) for kind, one in made.items()}
     return {
         "feature": feature.name,
         "us_a_step": {kind: {n: 1e6 * s / STEPS for n, s in found.items()} for kind, found in seconds.items()},
-        "unused_costs": unused,
-        "unused_costs_within": unused_within,
-        "use_costs": use,
-        "use_costs_within": use_within,
+        **dict(zip(("unused_costs", "unused_costs_within"), added(turns["unused"], turns["absent"]), strict=True)),
+        **dict(zip(("use_costs", "use_costs_within"), added(turns["used"], turns["absent"]), strict=True)),
         "turns": len(turns["absent"]),
         "same_code": compiled_parts(made["unused"]) == compiled_parts(made["absent"]),
         "spread": seconds["absent"]["median"] / seconds["absent"]["min"] - 1.0,
@@ -229,7 +201,7 @@ def frame_seconds(simulation: Simulation) -> float:
     """The median time of the next frames, of half a second of them or as many as the scene has."""
     times: list[float] = []
     while sum(times) < MEASURED_SECONDS and (len(times) < MIN_FRAMES or simulation.time < simulation.scene.seconds):
-        times.append(seconds_of(simulation.frame))
+        times.append(report.seconds_of(simulation.frame))
     return statistics.median(times)
 
 
@@ -239,25 +211,23 @@ def rows(results: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def text(results: dict[str, Any]) -> str:
-    lines = [headline(results)]
+    lines = [report.headline(results)]
     if results["features"]:
         heads = ["feature", "us a step without", "unused adds", "bytes", "code", "use adds", "bytes", "spread"]
         cells = [
             [
                 row["feature"],
                 f"{row['us_a_step']['absent']['min']:.2f}",
-                f"{100 * row['unused_costs']:+.1f} ± {100 * row['unused_costs_within']:.1f} %",
-                f"{row['unused_bytes']:+d}",
+                *costs(row, "unused"),
                 "the same" if row["same_code"] else "more",
-                f"{100 * row['use_costs']:+.1f} ± {100 * row['use_costs_within']:.1f} %",
-                f"{row['use_bytes']:+d}",
+                *costs(row, "use"),
                 f"{100 * row['spread']:.1f} %",
             ]
             for row in results["features"]
         ]
         lines += ["a step of the 8x8x8 cube, minimum; spread: median over minimum"]
         lines += ["what is added: median over turns ± its error at 95 % confidence"]
-        lines += [table(heads, cells), ""]
+        lines += [report.table(heads, cells), ""]
     if results["scenes"]:
         heads = ["scene", "particles", "springs", "bytes", "kernels", "cold [s]", "warm [s]", "ms a frame"]
         times = ("cold_seconds", "warm_seconds", "ms_a_frame")
@@ -266,15 +236,23 @@ def text(results: dict[str, Any]) -> str:
         ]
         lines += ["from the scene to its first frame, with an empty and with a warm kernel cache;"]
         lines += ["then physics of one frame of the jellos' first seconds, median"]
-        lines += [table(heads, cells)]
+        lines += [report.table(heads, cells)]
         for row in results["scenes"]:
             lines += [f"{row['scene']}: {', '.join(row['compiled_in'])}", f"  without {', '.join(row['left_out'])}"]
-    return "\n".join(lines + [INTERRUPTED] * results["interrupted"])
+    return "\n".join(lines + [report.INTERRUPTED] * results["interrupted"])
+
+
+def costs(row: dict[str, Any], kind: str) -> tuple[str, str]:
+    """The time and the bytes that a feature adds."""
+    return (
+        f"{100 * row[f'{kind}_costs']:+.1f} ± {100 * row[f'{kind}_costs_within']:.1f} %",
+        f"{row[f'{kind}_bytes']:+d}",
+    )
 
 
 def plot(results: dict[str, Any], path: Path) -> None:
     """What every feature adds to a step, unused and used. Raises Lacking."""
-    figure = new_figure(7.0, 1.0 + 0.35 * max(1, len(results["features"])))
+    figure = report.new_figure(7.0, 1.0 + 0.35 * max(1, len(results["features"])))
     axes = figure.subplots()
     names = [row["feature"] for row in results["features"]]
     for k, (key, label) in enumerate((("unused_costs", "mentioned, unused"), ("use_costs", "used"))):
@@ -285,4 +263,4 @@ def plot(results: dict[str, Any], path: Path) -> None:
     axes.invert_yaxis()
     axes.set_xlabel("added to the time of a step [%] (dotted: 2 %)")
     axes.legend(fontsize=8)
-    save_figure(figure, path)
+    report.save_figure(figure, path)

@@ -60,18 +60,14 @@ def numpy_step(body: Body) -> Callable[[], None]:
     return step
 
 
-def lattice(n: int, method: str, team: int | None = None) -> Simulation:
-    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[Box(points=(n, n, n))], solver=Solver(frame_dt=1000 * DT))
-    return Simulation(scene, method=method, substeps=1000, team=team)
-
-
 def kernel_row(
     n: int, arch: str, precision: str, threads: int, method: str, shortest: float, team: int | None = None
 ) -> dict[str, Any]:
     """Springs per second of the whole step: springs, sums and integration. team: as of Simulation; 0: parallel tasks, a
     launch for each stage."""
     runtime.start(arch, precision, threads)
-    simulation = lattice(n, method, team)
+    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[Box(points=(n, n, n))], solver=Solver(frame_dt=1000 * DT))
+    simulation = Simulation(scene, method=method, substeps=1000, team=team)
     system, springs = simulation.system, len(simulation.body.springs)
     if system.size:
         system.size.hold(system.team)

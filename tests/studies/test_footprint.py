@@ -13,7 +13,7 @@ CHOSEN = argparse.Namespace(arch="cpu", precision="f32", threads=1, method=None,
 
 @pytest.mark.parametrize("feature", footprint.FEATURES, ids=lambda feature: feature.name)
 def test_an_unused_feature_adds_no_byte_and_no_code(feature, monkeypatch):
-    monkeypatch.setattr(footprint, "interleaved", lambda runs, *_: [[1.0, 1.0] for _ in runs])
+    monkeypatch.setattr(footprint.report, "interleaved", lambda runs, *_: [[1.0, 1.0] for _ in runs])
     row = footprint.feature_row(feature, CHOSEN)
     assert row["unused_bytes"] == 0 and row["same_code"]
 
@@ -38,7 +38,7 @@ def test_how_well_it_is_known_holds_for_the_median_of_any_spread():
 def test_it_is_timed_on_until_it_is_known_well_enough(monkeypatch):
     noisy, quiet = [[1.0, 1.0, 1.0], [1.2, 1.0, 0.8], [1.0, 1.0, 1.0]], [[1.0] * 300] * 3
     rounds = [quiet, *[noisy] * footprint.MIN_ROUNDS]
-    monkeypatch.setattr(footprint, "interleaved", lambda *_: rounds.pop())
+    monkeypatch.setattr(footprint.report, "interleaved", lambda *_: rounds.pop())
     row = footprint.feature_row(footprint.FEATURES[0], argparse.Namespace(**{**vars(CHOSEN), "quick": False}))
     assert not rounds and row["turns"] == 300 + 3 * footprint.MIN_ROUNDS and row["unused_costs_within"] == 0.0
 

@@ -1,9 +1,7 @@
 """The speed of each form of the step while another process is busy on the same cores (see physics/team_size.py)."""
 
-import contextlib
 import subprocess
 import sys
-from collections.abc import Iterator
 from statistics import fmean
 from typing import Any
 
@@ -17,41 +15,28 @@ STIFFNESS = 1.28  # N/m, with which two threads run the larger cube in real time
 WATCHING = "watching"  # the form that adapts its threads to the time they take
 
 
-@contextlib.contextmanager
-def busy_process() -> Iterator[None]:
-    """Within, another process keeps a core busy."""
-    process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
-    try:
-        yield
-    finally:
-        process.kill()
-        process.wait()
-
-
-def forms(n: int) -> dict[str, Simulation]:
-    """The same cube of n³ points in every form: one thread, all threads, parallel tasks, as many threads as pays."""
+def busy_row(arch: str, n: int, shortest: float, repeats: int) -> dict[str, Any]:
+    """Million springs per second of whole frames of a cube of n³ points beside a busy process, the mean of all timings,
+    by form: one thread, all threads, parallel tasks, and as many threads as pays; and the last one's share of the best
+    of the others."""
     cores = len(runtime.usable_cores())
+    if arch != "cpu" or cores < 2:
+        return {"not_measured": "there is no team of threads"}
+    runtime.start(arch)
     cube = Scene(gravity=(0.0, 0.0, 0.0), jello=[Box(points=(n, n, n), stiffness=STIFFNESS, damping=0.0)])
     teams = {"one thread": 1, f"team of {cores}": cores, "parallel": 0, WATCHING: cores}
     made = {name: Simulation(cube, method="symplectic-euler", team=team) for name, team in teams.items()}
     for name, simulation in made.items():
         if simulation.system.size and name != WATCHING:
             simulation.system.size.hold(cores)
-    return made
-
-
-def busy_row(arch: str, n: int, shortest: float, repeats: int) -> dict[str, Any]:
-    """Million springs per second of whole frames beside a busy process, by form, the mean of all timings; and that of
-    the adaptive form over the best of the others."""
-    if arch != "cpu" or len(runtime.usable_cores()) < 2:
-        return {"not_measured": "there is no team of threads"}
-    runtime.start(arch)
-    made = forms(n)
-    for simulation in made.values():
         simulation.frame()  # compiles
-    with busy_process():
+    process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    try:
         found = interleaved([simulation.frame for simulation in made.values()], shortest, repeats)
-    one = next(iter(made.values()))
+    finally:
+        process.kill()
+        process.wait()
+    one = made[WATCHING]
     springs = len(one.body.springs) * one.substeps
     rates = {name: springs / fmean(times) / 1e6 for name, times in zip(made, found, strict=True)}
     best = max(rate for name, rate in rates.items() if name != WATCHING)
