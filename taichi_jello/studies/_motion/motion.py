@@ -13,7 +13,7 @@ from taichi_jello.run.diverged import Diverged
 from taichi_jello.run.simulation import Simulation
 from taichi_jello.run.snapshot import Snapshot
 from taichi_jello.studies._motion.bodies import CubeAndBall
-from taichi_jello.studies._motion.trials import FRAME, SLOPE, TRIALS, Figures, Run, Trial
+from taichi_jello.studies._motion.trials import FRAME, SLOPE, TRIALS, Figures, Trial
 from taichi_jello.studies._report import machine, methods_of, save_progress, take
 from taichi_jello.support import runtime
 
@@ -101,16 +101,25 @@ class Bench:
         """The trial's figures, inf where the numbers went bad, and its passes a frame."""
         self.set_up(trial, substeps)
         self.simulation.restore(Snapshot(0.0, *trial.start(self.bodies)))
-        run, before = Run(self.simulation, self.bodies, seconds), passes_so_far(self.simulation)
+        before, frames = passes_so_far(self.simulation), 0
+
+        def states() -> Iterator[Snapshot]:
+            nonlocal frames
+            yield self.simulation.snapshot()
+            for _ in range(round((trial.seconds or seconds) / FRAME)):
+                self.simulation.frame()
+                frames += 1
+                yield self.simulation.snapshot()
+
         found: Figures
         try:
-            found = trial.watch(run)
+            found = trial.measure(self.bodies, states())
         except Diverged:
             found = dict.fromkeys(trial.figures, inf)
         integrator = self.simulation.system.integrator
-        if run.frames == 0 and not integrator.solves:  # the first frame went bad and is not counted
+        if frames == 0 and not integrator.solves:  # the first frame went bad and is not counted
             return found, integrator.passes * self.simulation.substeps
-        return found, (passes_so_far(self.simulation) - before) / max(1, run.frames)
+        return found, (passes_so_far(self.simulation) - before) / max(1, frames)
 
 
 def passes_so_far(simulation: Simulation) -> int:
