@@ -20,6 +20,7 @@ import taichi as ti
 from taichi_jello import __version__
 from taichi_jello.physics.integrators import scheme
 from taichi_jello.run.clock import StepWarning
+from taichi_jello.run.simulation import Simulation
 from taichi_jello.support import interrupt, runtime
 from taichi_jello.support.progress import bar
 
@@ -116,6 +117,16 @@ def interleaved(runs: Sequence[Callable[[], object]], shortest: float, repeats: 
         for run, count, seconds in order[:: -1 if turn % 2 else 1]:
             seconds.append(seconds_of(run, count))
     return found
+
+
+def stepping(simulation: Simulation, steps: int, dt: float) -> Callable[[], None]:
+    """A function to be timed: so many steps of dt [s] of the physics alone."""
+
+    def run() -> None:
+        simulation.system.steps(0, steps, dt)
+        ti.sync()
+
+    return run
 
 
 def min_and_median(seconds: Sequence[float]) -> dict[str, float]:

@@ -5,14 +5,12 @@ import os
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from math import ceil, floor, sqrt
 from pathlib import Path
 from typing import Any
-
-import taichi as ti
 
 from taichi_jello import scenefiles
 from taichi_jello.physics.colliders.plane import Plane
@@ -109,9 +107,8 @@ def feature_row(feature: Feature, chosen: argparse.Namespace) -> dict[str, Any]:
         runtime.start(chosen.arch, chosen.precision, 1)
         order = KINDS[number % 3 :] + KINDS[: number % 3]
         made = {kind: feature.simulation(kind, method) for kind in order}
-        times = report.interleaved(
-            list(map(stepping, made.values())), *((0.01, 3) if chosen.quick else (SHORTEST, REPEATS))
-        )
+        runs = [report.stepping(simulation, STEPS, DT) for simulation in made.values()]
+        times = report.interleaved(runs, *((0.01, 3) if chosen.quick else (SHORTEST, REPEATS)))
         for kind, more in zip(made, times, strict=True):
             turns[kind] += more
         if number + 1 >= MIN_ROUNDS and added(turns["unused"], turns["absent"])[1] <= PRECISE:
@@ -130,14 +127,6 @@ def feature_row(feature: Feature, chosen: argparse.Namespace) -> dict[str, Any]:
         "unused_bytes": size["unused"] - size["absent"],
         "use_bytes": size["used"] - size["absent"],
     }
-
-
-def stepping(simulation: Simulation) -> Callable[[], None]:
-    def run() -> None:
-        simulation.system.steps(0, STEPS, DT)
-        ti.sync()
-
-    return run
 
 
 def added(having: list[float], without: list[float]) -> tuple[float, float]:

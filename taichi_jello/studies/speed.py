@@ -14,23 +14,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
 from taichi_jello.run.simulation import Simulation
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Camera, Scene, Solver
 from taichi_jello.scenefiles import load
 from taichi_jello.shapes.lattice import Box
-from taichi_jello.studies._report import (
-    INTERRUPTED,
-    REPEATS,
-    headline,
-    machine,
-    min_and_median,
-    seconds_of,
-    take,
-    timed,
-)
+from taichi_jello.studies import _report as report
 from taichi_jello.studies._speed import busy
 from taichi_jello.studies._speed.scenes import STIFF, VISIBLE, crowd_row, skin_row, thrown_row, voxel_row
 from taichi_jello.studies._speed.scenes import lines as scene_lines
@@ -73,12 +63,8 @@ def kernel_row(
         system.size.hold(system.team)
     passes = system.integrator.passes
     batch = max(5, min(MAX_STEPS, round(MAX_SPRINGS / (springs * passes))))
-
-    def run() -> None:
-        system.steps(0, batch, DT)
-        ti.sync()
-
-    seconds = {name: value / (batch * passes) for name, value in timed(run, shortest).items()}
+    whole = report.timed(report.stepping(simulation, batch, DT), shortest)
+    seconds = {name: value / (batch * passes) for name, value in whole.items()}
     return {
         "n": n,
         "arch": system.owner.arch,
@@ -86,8 +72,7 @@ def kernel_row(
         "threads": threads,
         "method": method,
         "form": f"team of {system.team}" if system.team else "parallel",
-        "us_per_pass": {name: 1e6 * value for name, value in seconds.items()},
-        "million_springs_per_second": springs / seconds["min"] / 1e6,
+        **rates(springs, seconds),
         "ns_per_spring": 1e9 * seconds["min"] / springs,
         "bytes_per_particle": sum(size for *_, size in system.memory.fields) / len(simulation.body),
     }
@@ -95,12 +80,13 @@ def kernel_row(
 
 def numpy_row(n: int, shortest: float) -> dict[str, Any]:
     body = Box(points=(n, n, n)).body()
-    seconds = timed(numpy_step(body), shortest)
-    return {
-        "n": n,
-        "us_per_pass": {name: 1e6 * value for name, value in seconds.items()},
-        "million_springs_per_second": len(body.springs) / seconds["min"] / 1e6,
-    }
+    return {"n": n} | rates(len(body.springs), report.timed(numpy_step(body), shortest))
+
+
+def rates(springs: int, seconds: dict[str, float]) -> dict[str, Any]:
+    """What a pass over the springs takes and achieves."""
+    microseconds = {name: 1e6 * value for name, value in seconds.items()}
+    return {"us_per_pass": microseconds, "million_springs_per_second": springs / seconds["min"] / 1e6}
 
 
 def renderer_rows(arch: str, quick: bool, shortest: float, repeats: int) -> list[dict[str, Any]]:
@@ -116,7 +102,7 @@ def renderer_rows(arch: str, quick: bool, shortest: float, repeats: int) -> list
             drawing, renderer = drawing_of(simulation), open_renderer(name, (1280, 720), samples)
             if drawing.springs is not None:
                 drawing.springs.everything = every
-            seconds = timed(partial(finished, renderer, drawing, simulation), shortest, repeats)
+            seconds = report.timed(partial(finished, renderer, drawing, simulation), shortest, repeats)
             renderer.close()
             row = {"renderer": name, "samples": samples, "springs": "all" if every else "structural"}
             rows.append(row | {"pictures_per_second": 1.0 / seconds["median"], "seconds": seconds})
@@ -174,8 +160,8 @@ def start_up() -> dict[str, dict[str, float]]:
                 command = [sys.executable, "-m", "taichi_jello", "shot", "cube", "--quiet", "-o", f"{folder}/cube.png"]
                 environment = {"TI_OFFLINE_CACHE_FILE_PATH": f"{folder}/cache{attempt}"}
                 run = partial(subprocess.run, command, check=True, env={**os.environ, **environment})
-                found[state].append(seconds_of(run))
-    return {state: min_and_median(times) for state, times in found.items()}
+                found[state].append(report.seconds_of(run))
+    return {state: report.min_and_median(times) for state, times in found.items()}
 
 
 def kernel_cases(arch: str, threads: int | None, quick: bool) -> Iterator[dict[str, Any]]:
@@ -200,16 +186,16 @@ def kernel_cases(arch: str, threads: int | None, quick: bool) -> Iterator[dict[s
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """All figures; with --quick small lattices and short timings."""
     arch = runtime.choose_arch(chosen.arch)
-    results: dict[str, Any] = machine() | {"kernels": [], "numpy_gather": [], "renderers": [], "window": {}}
+    results: dict[str, Any] = report.machine() | {"kernels": [], "numpy_gather": [], "renderers": [], "window": {}}
     results["start_up_seconds"] = {}
     cases = list(kernel_cases(arch, chosen.threads, chosen.quick))
-    take(chosen, results, pieces(arch, cases, chosen.quick, results), "speed", len(cases) + 7)
+    report.take(chosen, results, pieces(arch, cases, chosen.quick, results), "speed", len(cases) + 7)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     return results | {"peak_bytes_of_this_study": memory}
 
 
 def pieces(arch: str, cases: list[dict[str, Any]], quick: bool, results: dict[str, Any]) -> Iterator[None]:
-    shortest, repeats = (0.02, 3) if quick else (0.2, REPEATS)
+    shortest, repeats = (0.02, 3) if quick else (0.2, report.REPEATS)
     for case in cases:
         results["kernels"].append(kernel_row(**case, arch=arch, shortest=shortest))
         yield
@@ -235,7 +221,7 @@ def pieces(arch: str, cases: list[dict[str, Any]], quick: bool, results: dict[st
 
 def text(results: dict[str, Any]) -> str:
     lines = [
-        headline(results),
+        report.headline(results),
         "    n  arch  number  threads  method            form      us a pass (median)  M springs/s  ns each  B each",
     ]
     for row in results["kernels"]:
@@ -271,4 +257,4 @@ def text(results: dict[str, Any]) -> str:
         lines.append(
             f"`jello shot cube`, {state} kernel cache: {seconds['median']:.2f} s (at best {seconds['min']:.2f})"
         )
-    return "\n".join(lines + [INTERRUPTED] * results["interrupted"])
+    return "\n".join(lines + [report.INTERRUPTED] * results["interrupted"])
