@@ -24,7 +24,7 @@ ROUNDING = 1e-5  # of the largest energy, by which backward Euler, which only lo
 MIN_EXCHANGED = 0.05  # of the largest energy, for the other methods: a free fall exchanges none, and Euler's gains 2 %
 MAX_RISE = 0.5  # of what is exchanged, by which the error of the other methods may raise the energy
 VERDICTS = (
-    ("#2f8a50", "stands it: finite, no energy from nowhere, its shape and its side of a wall kept",
+    ("#2f8a50", "passes: finite, no energy from nowhere, its shape and its side of a wall kept",
      lambda row: row["verdict"] == "ok"),
     ("#909090", "refuses, in one line, before it begins", lambda row: row["passes"] and row["verdict"] != "ok"),
     ("#d0392b", "fails", lambda row: not row["passes"]),

@@ -123,7 +123,7 @@ def test_an_unknown_method_is_named():
 def test_text_csv_json_and_picture(told, tmp_path):
     lines = accuracy.text(told).splitlines()
     assert lines[2].split()[:3] == ["method", "substeps", "passes"] and lines[3].startswith("rk4 ")
-    assert any(line.startswith("rebound 0.") and "in truth: RK4 in f64" in line for line in lines)
+    assert any(line.startswith("rebound 0.") and "by the reference: RK4 in f64" in line for line in lines)
     assert lines[-1].startswith("within 5% in everything: ") and "not here: backward-euler" in lines[-1]
     write_csv(tmp_path / "x.csv", accuracy.rows(told))
     (first, *_) = csv.DictReader((tmp_path / "x.csv").open())

@@ -18,12 +18,12 @@ FORMATS = {"rebound": "{:.3f}", "rebound_off": "{:+.3f}", "spin": "{:.3f}", "swi
            "energy": "{:.3f}", "rolling_off": "{:+.2%}", "fall_off": "{:+.4f}"}  # fmt: skip
 # The title of each trial's panel, and the exact value of its figure.
 PANELS = {
-    "rebound": ("Rebound: height, of that fallen from", None),
+    "rebound": ("Rebound: height over that of the drop", None),
     "spin": ("Spin kept after {seconds:g} s at 15 rad/s", 1.0),
     "swing": ("Lowest swing: amplitude left after 1 s, undamped", 1.0),
     "energy": ("Energy left after {seconds:g} s, undamped", 1.0),
-    "rolling": ("Rolling down 10°: acceleration, of the true one", 1.0),
-    "fall": ("Free fall of 1 s: error of the way [m]", None),
+    "rolling": ("Rolling down 10°: acceleration over the exact one", 1.0),
+    "fall": ("Free fall of 1 s: error of the distance [m]", None),
 }
 
 
@@ -52,7 +52,7 @@ def legend(results: dict[str, Any]) -> list[str]:
     return [
         "passes: over the springs, in a frame of 1/60 s, the mean of all trials; spin and energy: after "
         f"{results['seconds']:g} s; period and rolling: by how much too long and too fast; fall: of {FALLEN} m too far",
-        f"rebound {rebound['value']:.4f} and rolling {rolling['value']:.4f} m/s² in truth: RK4 in f64 at "
+        f"rebound {rebound['value']:.4f} and rolling {rolling['value']:.4f} m/s² by the reference: RK4 in f64 at "
         f"{rebound['dt']:.2g} s; steps twice as long change them by {abs(rebound['difference']):.1e} and "
         f"{abs(rolling['difference']):.1e} m/s²; a rigid ball would roll at {results['rolling_in_theory']:.4f} m/s²",
     ]
@@ -86,7 +86,7 @@ def draw(results: dict[str, Any], path: Path) -> None:
     handles, labels = axes.flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=max(1, len(labels)), fontsize=9)
     figure.suptitle(
-        "What a method makes of motion, over passes through all springs in a frame of 1/60 s; dashed: the truth",
+        "What a method does to motion, over passes through all springs in a frame of 1/60 s; dashed: exact",
         fontsize=12,
     )
     save_figure(figure, path)
