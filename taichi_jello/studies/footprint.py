@@ -19,7 +19,7 @@ from taichi_jello.physics.forces.field import UniformField
 from taichi_jello.physics.forces.grab import Grab
 from taichi_jello.run.explain import facts
 from taichi_jello.run.simulation import Simulation
-from taichi_jello.scene.description import Contact, Pin, Scene, Solver
+from taichi_jello.scene.description import Contact, Pin, Scene, SceneError, Solver
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.studies import _report as report
 from taichi_jello.support import runtime
@@ -146,7 +146,8 @@ def compiled_parts(simulation: Simulation) -> list[str]:
 
 
 def scene_row(name: str, scene: Scene, chosen: argparse.Namespace) -> dict[str, Any]:
-    """What a scene compiles, its bytes, and its times with an empty and with a full kernel cache."""
+    """What a scene compiles, its bytes, and its times with an empty and with a full kernel cache.
+    Raises SceneError if it cannot be simulated."""
     first: list[float] = []
     later: list[float] = []
     with tempfile.TemporaryDirectory() as cache:
@@ -154,7 +155,10 @@ def scene_row(name: str, scene: Scene, chosen: argparse.Namespace) -> dict[str, 
             with kernel_cache(cache):
                 runtime.start(chosen.arch, chosen.precision, chosen.threads)
             start = time.perf_counter()
-            simulation = Simulation(scene, method=chosen.method)
+            try:
+                simulation = Simulation(scene, method=chosen.method)
+            except SceneError as error:
+                raise scenefiles.located(name, error) from None
             simulation.frame()
             first.append(time.perf_counter() - start)
             later.append(frame_seconds(simulation))
