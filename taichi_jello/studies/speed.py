@@ -3,7 +3,6 @@ per second; start-up; memory."""
 
 import argparse
 import os
-import resource
 import statistics
 import subprocess
 import sys
@@ -190,8 +189,12 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     results["start_up_seconds"] = {}
     cases = list(kernel_cases(arch, chosen.threads, chosen.quick))
     report.take(chosen, results, pieces(arch, cases, chosen.quick, results), "speed", len(cases) + 7)
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    return results | {"peak_bytes_of_this_study": memory}
+    if sys.platform != "win32":
+        import resource  # Windows has none
+
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        results["peak_bytes_of_this_study"] = memory * (1 if sys.platform == "darwin" else 1024)
+    return results
 
 
 def pieces(arch: str, cases: list[dict[str, Any]], quick: bool, results: dict[str, Any]) -> Iterator[None]:
