@@ -13,8 +13,7 @@ PACKAGE = Path(taichi_jello.__file__).parent
 FLOORS = ("support", "scene", "shapes", "physics", "scenefiles", "run", "film", "view", "studies", "app")
 UPWARDS = {
     ("run/simulation.py", "view"),  # Simulation.render
-    ("studies/_probe.py", "app"),  # studies that run the command line
-    ("studies/__main__.py", "app"),
+    ("studies/__main__.py", "app"),  # it runs the command line
 }
 
 CHECK = """

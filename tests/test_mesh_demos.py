@@ -45,7 +45,7 @@ def test_the_script_makes_the_meshes_that_are_there(made):
 
 def test_the_teapot_is_newells(made):
     """32 patches and 306 different control points, 12 patches more to close it; the published bounds."""
-    turned, tubes = made["turned_patches"](), [made["tube_patches"](made[name]) for name in ("HANDLE", "SPOUT")]
+    turned, tubes = made["revolved_patches"](), [made["tube_patches"](made[name]) for name in ("HANDLE", "SPOUT")]
     own = [p for k, p in enumerate(turned) if k // 4 != 2]  # the third ring closes the gap between lid and rim
     own += [tube[k] for tube in tubes for k in (1, 2, 5, 6)]
     assert len(own) == 32 and len(turned) + sum(map(len, tubes)) == 44

@@ -1,8 +1,8 @@
-"""Measurements, one per file, found by looking in this folder: `jello study NAME`.
+"""Measurements, one study a file: `jello study NAME` finds them in this folder.
 
-A study has `measure(chosen) -> dict`, the figures, for the options of the call, and `text(told) -> str`, the page that
-is printed; `chosen.load()` makes the scene of the call, or with `MANY` it takes all of `chosen.scenes`. It may have
-`plot(told, path)` for --plot, with `PLOTS` the suffixes it can write if these are not matplotlib's, and `rows(told)`, a
-list of flat dictionaries, for --csv. A `measure` that takes minutes goes through its work by `_report.take`: what it
-has so far is kept in the file of --json, and returned at Ctrl-C or SIGTERM with the key `interrupted`.
+A study has `measure(chosen) -> results`, a dictionary that becomes the JSON, and `text(results) -> str`, the page that
+is printed. chosen: the options of the call; `chosen.load()` makes its scene, and a study with `MANY` uses all of
+`chosen.scenes`. It may have `plot(results, path)` for --plot, with its suffixes in `PLOTS` if they are not those of
+matplotlib, and `rows(results)`, a list of flat dictionaries, for --csv. `_report.take` runs a long study in pieces:
+after each, the results so far are in the --json file; Ctrl-C and SIGTERM end it with the key `interrupted` set.
 """

@@ -1,6 +1,6 @@
-"""Studies into a folder, and their tables into a README: `python -m taichi_jello.studies shots README.md`.
+"""Runs the studies and puts their tables into a README: `python -m taichi_jello.studies shots README.md`.
 
-Each leaves NAME.json and, if it draws, NAME.png. A table stands between the lines `<!-- NAME -->` and `<!-- end -->`.
+Each study writes NAME.json and NAME.png to the folder. A table is between the lines `<!-- NAME -->` and `<!-- end -->`.
 """
 
 import argparse
@@ -13,41 +13,41 @@ from typing import Any
 from taichi_jello.app.cli import main as jello
 from taichi_jello.app.options import studies
 from taichi_jello.studies import speed
-from taichi_jello.studies._accuracy.verdict import fastest
+from taichi_jello.studies._accuracy.conclusions import fastest
 from taichi_jello.support.wording import plain
 
 END = "<!-- end -->"
-LONG = ("stress",)  # whole they take a quarter of an hour: here always as with --quick
-GOALS = (1e-2, 1e-3, 1e-4, 1e-5)  # errors of the table's columns
+LONG = ("stress",)  # in full it takes a quarter of an hour: here always with --quick
+ERRORS = (1e-2, 1e-3, 1e-4, 1e-5)  # the table's columns
 
 
-def accuracy_table(told: dict[str, Any]) -> str:
+def accuracy_table(results: dict[str, Any]) -> str:
     """The fastest method to each error, by case, as Markdown."""
-    heads = ["case", *(f"to {100 * goal:g} % of the edge" for goal in GOALS), "float32 comes to", "reference known to"]
+    heads = [
+        "case",
+        *(f"to {100 * error:g} % of the edge" for error in ERRORS),
+        "float32 comes to",
+        "reference known to",
+    ]
     lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
-    for case in told["cases"]:
+    for case in results["cases"]:
         cells = [f"{case['case']}: {case['shows']}"]
-        for goal in GOALS:
-            best = fastest(case, goal)
+        for error in ERRORS:
+            best = fastest(case, error)
             cells.append(f"{best['method']} {best['precision']}, {plain(best['ms_a_frame'])} ms" if best else "-")
         cells.append(f"{case['float32_floor']:.0e}" if case["float32_floor"] else "-")
         lines.append("| " + " | ".join([*cells, f"{case['disagreement']:.0e}"]) + " |")
     return "\n".join(lines)
 
 
-def speed_table(told: dict[str, Any]) -> str:
-    """The page that `jello study speed` prints, as Markdown."""
-    return f"```\n{speed.text(told)}\n```"
-
-
 TABLES: dict[str, Callable[[dict[str, Any]], str]] = {
     "accuracy": accuracy_table,
-    "speed": speed_table,
+    "speed": lambda results: f"```\n{speed.text(results)}\n```",
 }
 
 
 def put_table(readme: Path, name: str, table: str) -> None:
-    """Replace what stands between the marks. Raises ValueError if they are not there."""
+    """Replace the text between the marks. Raises ValueError if the marks are missing."""
     page = readme.read_text(encoding="utf-8")
     before, begin, rest = page.partition(f"<!-- {name} -->")
     _, end, after = rest.partition(END)
@@ -66,15 +66,17 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--quick", action="store_true", help="reduced ladders")
     chosen = parser.parse_args(arguments)
     for name in chosen.only or known:
-        options = ["--json", str(chosen.folder / f"{name}.json"), *["--quick"] * (chosen.quick or name in LONG)]
+        json_path = chosen.folder / f"{name}.json"
+        options = ["--json", str(json_path), *["--quick"] * (chosen.quick or name in LONG)]
         if hasattr(known[name], "plot"):
             options += ["--plot", str(chosen.folder / f"{name}.png")]
-        status = jello(["study", name, *options, *(["--method", chosen.method] if chosen.method else [])])
+        if chosen.method:
+            options += ["--method", chosen.method]
+        status = jello(["study", name, *options])
         if status:
             return status
         if chosen.readme and name in TABLES:
-            told = json.loads((chosen.folder / f"{name}.json").read_text(encoding="utf-8"))
-            put_table(chosen.readme, name, TABLES[name](told))
+            put_table(chosen.readme, name, TABLES[name](json.loads(json_path.read_text(encoding="utf-8"))))
     return 0
 
 

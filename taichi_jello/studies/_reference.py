@@ -1,4 +1,4 @@
-"""The same physics once more in NumPy float64, sharing no code with the kernels, solved by SciPy to 12 digits."""
+"""The same physics in NumPy float64, independent of the Taichi kernels, solved by SciPy to 12 digits."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ KNOWN = {"springs", "gravity", "drag", "contact", "uniform field"}  # titles of 
 
 
 def incidence(body: Body) -> Any:
-    """(S, N) sparse: each spring's row has 1 at its first end and -1 at its second."""
+    """(S, N) sparse incidence matrix: a spring's row has 1 at its first end and -1 at its second."""
     from scipy.sparse import csr_array
 
     springs, ones = np.arange(len(body.springs)), np.ones(len(body.springs))
@@ -22,15 +22,15 @@ def incidence(body: Body) -> Any:
     return csr_array((np.concatenate([ones, -ones]), ends), (len(springs), len(body)))
 
 
-def spring_forces(body: Body, x: np.ndarray, v: np.ndarray, ends: Any = None) -> np.ndarray:
-    """(N, 3) Hooke and dashpot forces [N] (workshop Eq. 3 and 4); `ends` is the incidence of body, if it is at hand."""
-    ends = incidence(body) if ends is None else ends
+def spring_forces(body: Body, x: np.ndarray, v: np.ndarray, matrix: Any = None) -> np.ndarray:
+    """(N, 3) Hooke and dashpot forces [N] (workshop Eq. 3 and 4). matrix: the incidence of body, if known."""
+    matrix = incidence(body) if matrix is None else matrix
     i, j = body.springs.T
     d, w = (np.take(a, i, 0) - np.take(a, j, 0) for a in (x, v))
     squared = np.einsum("sa,sa->s", d, d)
     pull = body.stiffness * (1.0 - body.rest_length / np.sqrt(squared))
     pull += body.damping * np.einsum("sa,sa->s", d, w) / squared
-    return -(ends.T @ (pull[:, None] * d))
+    return -(matrix.T @ (pull[:, None] * d))
 
 
 def elastic_energy(body: Body, x: np.ndarray) -> float:
@@ -39,60 +39,60 @@ def elastic_energy(body: Body, x: np.ndarray) -> float:
     return float(0.5 * np.sum(body.stiffness * stretch**2))
 
 
-def touch(row: np.ndarray, ball: bool, x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+def surface_contact(row: np.ndarray, is_sphere: bool, x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
     """Outward normals (N, 3) and signed distances (N,) [m] of the points x at one surface of Collider.rows."""
     p = x - (row[:3] + t * row[3:6])
-    if not ball:
+    if not is_sphere:
         return np.broadcast_to(row[6:9], p.shape), p @ row[6:9]
     length = np.linalg.norm(p, axis=1)
     return p / length[:, None], length - row[9]
 
 
 def contact_forces(
-    laws: np.ndarray, surfaces: list[tuple[np.ndarray, bool]], x: np.ndarray, v: np.ndarray, t: float
+    parameters: np.ndarray, surfaces: list[tuple[np.ndarray, bool]], x: np.ndarray, v: np.ndarray, t: float
 ) -> np.ndarray:
-    """(N, 3) penalty spring, dashpot and Coulomb friction [N] at all surfaces (workshop, "Collisions"). laws (4, N, 1):
-    stiffness, damping, friction and grip of each particle."""
+    """(N, 3) penalty spring, dashpot and Coulomb friction [N] at all surfaces (workshop, "Collisions").
+
+    parameters (4, N, 1): stiffness, damping, friction and grip of each particle."""
     total = np.zeros_like(x)
-    for row, ball in surfaces:
-        n, distance = touch(row, ball, x, t)
+    for row, is_sphere in surfaces:
+        n, distance = surface_contact(row, is_sphere, x, t)
         (hit,) = np.nonzero(distance < 0.0)
         if not len(hit):
             continue
         n, relative = n[hit], v[hit] - row[3:6]
-        stiffness, damping, friction, grip = laws[:, hit]
+        stiffness, damping, friction, grip = parameters[:, hit]
         speed = np.sum(relative * n, axis=1, keepdims=True)
-        pressed = np.maximum(0.0, -stiffness * distance[hit, None] - damping * speed)
+        normal_force = np.maximum(0.0, -stiffness * distance[hit, None] - damping * speed)
         slip = relative - speed * n
-        limit = friction * pressed
-        rub = limit * grip / np.sqrt(grip**2 * np.sum(slip**2, axis=1, keepdims=True) + limit**2 + 1e-300)
-        total[hit] += pressed * n - rub * slip
+        limit = friction * normal_force
+        drag = limit * grip / np.sqrt(grip**2 * np.sum(slip**2, axis=1, keepdims=True) + limit**2 + 1e-300)
+        total[hit] += normal_force * n - drag * slip
     return total
 
 
 class Reference:
-    """A scene's equation of motion for the forces in KNOWN and the colliders plane, box and sphere. Raises ImportError
-    without SciPy."""
+    """The equation of motion of a scene with the forces in KNOWN and planes, boxes and spheres as colliders. Raises
+    ImportError without SciPy."""
 
     def __init__(self, scene: Scene, body: Body):
         self.scene, self.body = scene, body
-        self.weight = np.where(body.pinned, 0.0, 1.0 / body.mass)[:, None]
+        self.inverse_mass = np.where(body.pinned, 0.0, 1.0 / body.mass)[:, None]
         stiffness, damping = contact_numbers(scene, body)[body.jello].T
         lightest = np.array([body.mass[body.jello == j].min() for j in range(len(scene.jello))])[body.jello]
         mass = lightest if scene.contact.stiffness == AUTO else body.mass.min()
         friction = np.full(len(body), scene.contact.friction)
-        self.laws = np.stack([stiffness, damping, friction, np.sqrt(stiffness * mass)])[..., None]
-        self.ends = incidence(body)
+        self.contact = np.stack([stiffness, damping, friction, np.sqrt(stiffness * mass)])[..., None]
+        self.incidence = incidence(body)
         self.constant = body.mass[:, None] * np.array(scene.gravity)
         self.constant = self.constant + sum(
             (np.array(f.force) for f in scene.force if hasattr(f, "force")), np.zeros(3)
         )
         self.surfaces: list[tuple[np.ndarray, bool]] = []
-        self.evaluations = 0
 
     @staticmethod
     def knows(scene: Scene, titles: list[str]) -> bool:
-        """Whether everything that moves the particles is written here too; `titles` are those of the scene's forces."""
+        """Whether this module implements all forces, given by their titles, and all colliders of the scene."""
         shapes = {plane.signed_distance, sphere.signed_distance}
         return set(titles) <= KNOWN and all(c.signed_distance in shapes for c in scene.collider)  # type: ignore[attr-defined]
 
@@ -105,17 +105,16 @@ class Reference:
         ]
 
     def acceleration(self, t: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(N, 3) [m/s²], `t` seconds after the frame began."""
-        force = (
-            spring_forces(self.body, x, v, self.ends) + self.constant - self.scene.drag * self.body.mass[:, None] * v
-        )
+        """(N, 3) [m/s²] at `t` seconds after the start of the frame."""
+        drag = self.scene.drag * self.body.mass[:, None] * v
+        force = spring_forces(self.body, x, v, self.incidence) + self.constant - drag
         if self.surfaces and self.scene.contact.stiffness != 0.0:
-            force += contact_forces(self.laws, self.surfaces, x, v, t)
-        return force * self.weight
+            force += contact_forces(self.contact, self.surfaces, x, v, t)
+        return force * self.inverse_mass
 
     def solve(self, x: np.ndarray, v: np.ndarray, seconds: float, frame_dt: float) -> tuple[np.ndarray, np.ndarray]:
         """x and v after `seconds` by DOP853 at a relative tolerance of 1e-12, frame by frame. Raises ArithmeticError
-        if DOP853 gives up."""
+        if DOP853 fails."""
         from scipy.integrate import solve_ivp
 
         y = np.stack([x, v])
@@ -130,13 +129,12 @@ class Reference:
             done: Any = solve_ivp(slope, span, y.ravel(), method="DOP853", rtol=TOLERANCE, atol=0.1 * TOLERANCE)
             if not done.success:
                 raise ArithmeticError(f"DOP853 gave up: {done.message}")
-            self.evaluations += done.nfev
             y = done.y[:, -1].reshape(y.shape)
         return y[0], y[1]
 
 
 def twisted(x: np.ndarray, degrees: float = 36.0, stretch: float = 0.1) -> np.ndarray:
-    """Points (N, 3) around the origin, twisted about the vertical [degrees a metre] and stretched along it."""
+    """Points (N, 3) twisted about the vertical axis [degrees per metre] and stretched along it [fraction]."""
     angle = np.radians(degrees) * x[:, 1]
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * x[:, 0] + s * x[:, 2], (1.0 + stretch) * x[:, 1], c * x[:, 2] - s * x[:, 0]], 1)

@@ -1,41 +1,37 @@
-"""Springs per second over lattice size, threads and precision, beside NumPy and beside a busy process; pictures per
-second; start-up; memory."""
+"""Springs per second by lattice size, threads and precision, compared with NumPy and beside a busy process; pictures
+per second; start-up; memory."""
 
 import argparse
 import os
-import resource
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-import warnings
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
-from taichi_jello.run.clock import StepWarning
 from taichi_jello.run.simulation import Simulation
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Camera, Scene, Solver
 from taichi_jello.scenefiles import load
 from taichi_jello.shapes.lattice import Box
-from taichi_jello.studies._report import REPEATS, headline, machine, spread, take
+from taichi_jello.studies import _report as report
 from taichi_jello.studies._speed import busy
 from taichi_jello.studies._speed.scenes import STIFF, VISIBLE, crowd_row, skin_row, thrown_row, voxel_row
 from taichi_jello.studies._speed.scenes import lines as scene_lines
 from taichi_jello.support import runtime
 
-DT = 1e-6  # s; so short that nothing moves far: every pass does the same work
-LAUNCH = 200  # steps in a launch at most, about a drawn frame's
-PASSES = 2e7  # springs to be passed in a launch at most
-WINDOWS = 9  # opened in turn with GGUI's own
+DT = 1e-6  # s; so short that nothing moves far
+MAX_STEPS, MAX_SPRINGS = 200, 2e7  # steps of a launch, about those of a frame, and springs that it evaluates
+WINDOWS = 9  # opened in turns with GGUI's own
 
 
 def numpy_step(body: Body) -> Callable[[], None]:
-    """One symplectic Euler step of the same network in plain NumPy float32: a gather of both ends of every spring."""
+    """A symplectic Euler step of the same lattice in NumPy float32, which gathers both ends of every spring."""
     i, j = (np.ascontiguousarray(end) for end in body.springs.T)
     k, c, rest = (a.astype(np.float32)[:, None] for a in (body.stiffness, body.damping, body.rest_length))
     x, v = body.x.astype(np.float32), body.v.astype(np.float32)
@@ -53,31 +49,21 @@ def numpy_step(body: Body) -> Callable[[], None]:
     return step
 
 
-def lattice(n: int, method: str, team: int | None = None) -> Simulation:
-    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[Box(points=(n, n, n))], solver=Solver(frame_dt=1000 * DT))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StepWarning)  # a great lattice of light particles swings fast
-        return Simulation(scene, method=method, substeps=1000, team=team)
-
-
 def kernel_row(
-    n: int, arch: str, precision: str, threads: int, method: str, least: float, team: int | None = None
+    n: int, arch: str, precision: str, threads: int, method: str, shortest: float, team: int | None = None
 ) -> dict[str, Any]:
-    """Force evaluations of springs per second of the whole step (springs, sums and integration); with team = 0 as
-    parallel tasks, one launch a stage."""
+    """Springs per second of the whole step: springs, sums and integration. team: as of Simulation; 0: parallel tasks, a
+    launch for each stage."""
     runtime.start(arch, precision, threads)
-    simulation = lattice(n, method, team)
+    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[Box(points=(n, n, n))], solver=Solver(frame_dt=1000 * DT))
+    simulation = Simulation(scene, method=method, substeps=1000, team=team)
     system, springs = simulation.system, len(simulation.body.springs)
     if system.size:
         system.size.hold(system.team)
     passes = system.integrator.passes
-    batch = max(5, min(LAUNCH, round(PASSES / (springs * passes))))
-
-    def run() -> None:
-        system.steps(0, batch, DT)
-        ti.sync()
-
-    seconds = {name: value / (batch * passes) for name, value in spread(run, least).items()}
+    batch = max(5, min(MAX_STEPS, round(MAX_SPRINGS / (springs * passes))))
+    whole = report.timed(report.stepping(simulation, batch, DT), shortest)
+    seconds = {name: value / (batch * passes) for name, value in whole.items()}
     return {
         "n": n,
         "arch": system.owner.arch,
@@ -85,25 +71,25 @@ def kernel_row(
         "threads": threads,
         "method": method,
         "form": f"team of {system.team}" if system.team else "parallel",
-        "us_per_pass": {name: 1e6 * value for name, value in seconds.items()},
-        "million_springs_per_second": springs / seconds["min"] / 1e6,
+        **rates(springs, seconds),
         "ns_per_spring": 1e9 * seconds["min"] / springs,
         "bytes_per_particle": sum(size for *_, size in system.memory.fields) / len(simulation.body),
     }
 
 
-def numpy_row(n: int, least: float) -> dict[str, Any]:
+def numpy_row(n: int, shortest: float) -> dict[str, Any]:
     body = Box(points=(n, n, n)).body()
-    seconds = spread(numpy_step(body), least)
-    return {
-        "n": n,
-        "us_per_pass": {name: 1e6 * value for name, value in seconds.items()},
-        "million_springs_per_second": len(body.springs) / seconds["min"] / 1e6,
-    }
+    return {"n": n} | rates(len(body.springs), report.timed(numpy_step(body), shortest))
 
 
-def renderer_rows(arch: str, quick: bool, least: float, repeats: int) -> list[dict[str, Any]]:
-    """Pictures of the cube at 1280×720 per second, drawing fields and read-back included."""
+def rates(springs: int, seconds: dict[str, float]) -> dict[str, Any]:
+    """What a pass over the springs takes and achieves."""
+    microseconds = {name: 1e6 * value for name, value in seconds.items()}
+    return {"us_per_pass": microseconds, "million_springs_per_second": springs / seconds["min"] / 1e6}
+
+
+def renderer_rows(arch: str, quick: bool, shortest: float, repeats: int) -> list[dict[str, Any]]:
+    """Pictures of the cube per second at 1280×720, with drawing and read-back."""
     from taichi_jello.view.render.ggui import available
     from taichi_jello.view.render.renderers import drawing_of, finished, open_renderer
 
@@ -115,24 +101,16 @@ def renderer_rows(arch: str, quick: bool, least: float, repeats: int) -> list[di
             drawing, renderer = drawing_of(simulation), open_renderer(name, (1280, 720), samples)
             if drawing.springs is not None:
                 drawing.springs.everything = every
-            seconds = spread(lambda: finished(renderer, drawing, simulation), least, repeats)  # noqa: B023
+            seconds = report.timed(partial(finished, renderer, drawing, simulation), shortest, repeats)
             renderer.close()
-            rows.append(
-                {
-                    "renderer": name,
-                    "samples": samples,
-                    "springs": "all" if every else "structural",
-                    "pictures_per_second": 1.0 / seconds["median"],
-                    "seconds": seconds,
-                }
-            )
+            row = {"renderer": name, "samples": samples, "springs": "all" if every else "structural"}
+            rows.append(row | {"pictures_per_second": 1.0 / seconds["median"], "seconds": seconds})
     return rows
 
 
 def window_row(arch: str, frames: int) -> dict[str, Any]:
-    """Median milliseconds of a frame of the demo `cube` in a window of 1280×720, of the physics in it, of GGUI alone
-    with the same triangles, lines and dots, and their ratio: the median over turns, in each of which both met the same
-    machine. Without a screen, why not."""
+    """Median milliseconds of a frame of the demo `cube` in a window, of its physics, and of GGUI alone with the same
+    triangles, lines and dots; and the ratio of window to GGUI, the median over turns. Without a screen, the reason."""
     from taichi_jello.run.replay import playable
     from taichi_jello.view.render.ggui import Ggui, window_problem
     from taichi_jello.view.window.screen import Screen
@@ -173,30 +151,29 @@ def window_row(arch: str, frames: int) -> dict[str, Any]:
 
 
 def start_up() -> dict[str, dict[str, float]]:
-    """Seconds from typing `jello shot cube` to the file, with an empty kernel cache and with a warm one."""
+    """Seconds that `jello shot cube` takes with an empty kernel cache and with a warm one."""
     found: dict[str, list[float]] = {"cold": [], "warm": []}
     with tempfile.TemporaryDirectory() as folder:
         for attempt in range(3):
             for state in ("cold", "warm"):
                 command = [sys.executable, "-m", "taichi_jello", "shot", "cube", "--quiet", "-o", f"{folder}/cube.png"]
                 environment = {"TI_OFFLINE_CACHE_FILE_PATH": f"{folder}/cache{attempt}"}
-                start = time.perf_counter()
-                subprocess.run(command, check=True, env={**os.environ, **environment})
-                found[state].append(time.perf_counter() - start)
-    return {state: {"min": min(times), "median": statistics.median(times)} for state, times in found.items()}
+                run = partial(subprocess.run, command, check=True, env={**os.environ, **environment})
+                found[state].append(report.seconds_of(run))
+    return {state: report.min_and_median(times) for state, times in found.items()}
 
 
 def kernel_cases(arch: str, threads: int | None, quick: bool) -> Iterator[dict[str, Any]]:
-    """What `kernel_row` is asked for: sizes and threads, then parallel tasks, f64 and RK4; with `quick` small ones."""
+    """The arguments of `kernel_row`: sizes and threads, then parallel tasks, f64 and RK4; `quick`: small lattices."""
     euler: dict[str, Any] = {"precision": "f32", "method": "symplectic-euler"}
-    most = len(runtime.usable_cores()) if arch == "cpu" else 1
+    cores = len(runtime.usable_cores()) if arch == "cpu" else 1
     for n in (4, 8) if quick else (8, 16, 32, 64):
-        for number in sorted({1, min(threads or most, most)}):
+        for number in sorted({1, min(threads or cores, cores)}):
             if n > 4 or number == 1:
                 yield euler | {"n": n, "threads": number}
     if arch == "cpu":
         for n in (8,) if quick else (32, 64):
-            yield euler | {"n": n, "threads": most, "team": 0}
+            yield euler | {"n": n, "threads": cores, "team": 0}
     precisions = ["f32"] if arch in ("vulkan", "metal") else ["f32", "f64"]
     for n in (8,) if quick else (8, 16):
         for precision in precisions[1:]:
@@ -208,66 +185,68 @@ def kernel_cases(arch: str, threads: int | None, quick: bool) -> Iterator[dict[s
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """All figures; with --quick small lattices and short timings."""
     arch = runtime.choose_arch(chosen.arch)
-    told: dict[str, Any] = machine() | {"kernels": [], "numpy_gather": [], "renderers": [], "window": {}}
-    told["start_up_seconds"] = {}
+    results: dict[str, Any] = report.machine() | {"kernels": [], "numpy_gather": [], "renderers": [], "window": {}}
+    results["start_up_seconds"] = {}
     cases = list(kernel_cases(arch, chosen.threads, chosen.quick))
-    take(chosen, told, pieces(arch, cases, chosen.quick, told), "speed", len(cases) + 7)
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    return told | {"peak_bytes_of_this_study": memory}
+    report.take(chosen, results, pieces(arch, cases, chosen.quick, results), "speed", len(cases) + 7)
+    if sys.platform != "win32":
+        import resource  # Windows has none
+
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        results["peak_bytes_of_this_study"] = memory * (1 if sys.platform == "darwin" else 1024)
+    return results
 
 
-def pieces(arch: str, cases: list[dict[str, Any]], quick: bool, told: dict[str, Any]) -> Iterator[None]:
-    """The work in pieces, each of which leaves what it found in `told`."""
-    least, repeats = (0.02, 3) if quick else (0.2, REPEATS)
+def pieces(arch: str, cases: list[dict[str, Any]], quick: bool, results: dict[str, Any]) -> Iterator[None]:
+    shortest, repeats = (0.02, 3) if quick else (0.2, report.REPEATS)
     for case in cases:
-        told["kernels"].append(kernel_row(**case, arch=arch, least=least))
+        results["kernels"].append(kernel_row(**case, arch=arch, shortest=shortest))
         yield
     for n in sorted({case["n"] for case in cases})[:3]:
-        told["numpy_gather"].append(numpy_row(n, least))
+        results["numpy_gather"].append(numpy_row(n, shortest))
     yield
-    told["busy"] = busy.busy_row(arch, 16 if quick else 32, 5.0 * least, repeats)
+    results["busy"] = busy.busy_row(arch, 16 if quick else 32, 5.0 * shortest, repeats)
     yield
-    told["renderers"] = renderer_rows(arch, quick, least, repeats)
+    results["renderers"] = renderer_rows(arch, quick, shortest, repeats)
     yield
-    told["window"] = window_row(arch, 7 if quick else 20)
+    results["window"] = window_row(arch, 7 if quick else 20)
     yield
     thrown = STIFF[:1] + VISIBLE[:1] if quick else STIFF + VISIBLE
-    told["thrown"] = [thrown_row(arch, *case, 20 if quick else 60) for case in thrown]
+    results["thrown"] = [thrown_row(arch, *case, 20 if quick else 60) for case in thrown]
     yield
-    told["crowd"] = crowd_row(arch, 0.5 if quick else 4.0)
-    told["skin"], told["voxels"] = skin_row(arch, least, repeats), voxel_row(arch, least, repeats)
+    results["crowd"] = crowd_row(arch, 0.5 if quick else 4.0)
+    results["skin"], results["voxels"] = skin_row(arch, shortest, repeats), voxel_row(arch, shortest, repeats)
     yield
     if not quick:
-        told["start_up_seconds"] = start_up()
+        results["start_up_seconds"] = start_up()
     yield
 
 
-def text(told: dict[str, Any]) -> str:
-    """The figures as tables."""
+def text(results: dict[str, Any]) -> str:
     lines = [
-        headline(told),
+        report.headline(results),
         "    n  arch  number  threads  method            form      us a pass (median)  M springs/s  ns each  B each",
     ]
-    for row in told["kernels"]:
+    for row in results["kernels"]:
         us = row["us_per_pass"]
         lines.append(
             f"{row['n']:5d}  {row['arch']:4s}  {row['precision']:6s}  {row['threads']:7d}  {row['method']:16s}"
             f"  {row['form']:8s}  {us['min']:8.1f} ({us['median']:.1f})  {row['million_springs_per_second']:9.0f}"
             f"  {row['ns_per_spring']:9.2f}  {row['bytes_per_particle']:9.0f}"
         )
-    for row in told["numpy_gather"]:
+    for row in results["numpy_gather"]:
         us = row["us_per_pass"]
-        kernel = next(k for k in told["kernels"] if k["n"] == row["n"] and k["threads"] == 1)
+        kernel = next(k for k in results["kernels"] if k["n"] == row["n"] and k["threads"] == 1)
         ratio = kernel["million_springs_per_second"] / row["million_springs_per_second"]
         lines.append(
             f"{row['n']:5d}  NumPy float32 gather: {us['min']:.0f} ({us['median']:.0f}) µs a pass, "
             f"{row['million_springs_per_second']:.1f} M springs/s; one thread here is {ratio:.0f} times as fast"
         )
-    lines += [busy.line(row) for row in [told.get("busy")] if row]
-    for row in told["renderers"]:
+    lines += [busy.line(row) for row in [results.get("busy")] if row]
+    for row in results["renderers"]:
         kind = f"{row['renderer']}, {row['samples']}x{row['samples']} samples, {row['springs']} springs"
         lines.append(f"{kind}: {row['pictures_per_second']:.1f} pictures/s")
-    row = told["window"]
+    row = results["window"]
     if "not_measured" in row:
         lines.append(f"window: not measured: {row['not_measured']}")
     elif row:
@@ -276,11 +255,9 @@ def text(told: dict[str, Any]) -> str:
             f"{row['ratio']:.2f} times ({row['ratios'][0]:.2f} to {row['ratios'][1]:.2f}) "
             f"GGUI alone with the same primitives, {row['ggui_alone_ms']:.1f} ms"
         )
-    lines += scene_lines(told)
-    for state, seconds in told["start_up_seconds"].items():
+    lines += scene_lines(results)
+    for state, seconds in results["start_up_seconds"].items():
         lines.append(
             f"`jello shot cube`, {state} kernel cache: {seconds['median']:.2f} s (at best {seconds['min']:.2f})"
         )
-    if told["interrupted"]:
-        lines.append("interrupted: the table holds what was measured until then")
-    return "\n".join(lines)
+    return "\n".join(lines + [report.INTERRUPTED] * results["interrupted"])

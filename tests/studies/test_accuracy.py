@@ -4,7 +4,6 @@ import argparse
 import json
 import signal
 import sys
-from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -14,11 +13,8 @@ from taichi_jello import Box, Plane, Scene, SceneError, Simulation, Snapshot, So
 from taichi_jello.app.cli import main
 from taichi_jello.physics.integrators import schemes
 from taichi_jello.studies import accuracy
-from taichi_jello.studies._accuracy import ahead as ahead
-from taichi_jello.studies._accuracy import cases as cases
-from taichi_jello.studies._accuracy import truth as truths
-from taichi_jello.studies._accuracy import verdict as verdict
-from taichi_jello.studies._accuracy.rolls import solved_to
+from taichi_jello.studies._accuracy import cases, conclusions, solution
+from taichi_jello.studies._accuracy.points import solver_tolerance
 from taichi_jello.studies._reference import Reference, twisted
 from taichi_jello.studies._report import write_csv
 from taichi_jello.support import runtime
@@ -39,10 +35,9 @@ def small_smooth():
 def shrink(patch, seconds):
     """Let the study's quick run be of a small cube and take so long in timings, but climb far enough for all to see."""
     patch.setattr(accuracy, "SECONDS", {True: seconds})
-    patch.setattr(accuracy, "RUNGS", 6)
-    patch.setattr(accuracy, "LEAST_RUNGS", 6)
+    patch.setattr(accuracy, "MAX_RUNGS", 6)
+    patch.setattr(accuracy, "MIN_RUNGS", 6)
     patch.setattr(accuracy, "default", lambda quick: [small_smooth()])
-    patch.setattr(accuracy, "compiling_ahead", lambda *_: nullcontext(nullcontext))
 
 
 def asked(**options):
@@ -65,16 +60,16 @@ def test_numpy_has_the_program_s_physics():
     assert reference.knows(EVERYTHING, [force.title for force in simulation.system.all_forces])
     simulation.advance(0.07)
     moved = simulation.snapshot()
-    assert truths.same_physics(reference, simulation, [Snapshot(0.0, moved.x, moved.v), moved])
+    assert solution.same_physics(reference, simulation, [Snapshot(0.0, moved.x, moved.v), moved])
     assert simulation.energies()["contact"] > 0.0
     other = Reference(Scene(**vars(EVERYTHING) | {"drag": 0.70001}), simulation.body)
-    assert not truths.same_physics(other, simulation, [moved])
+    assert not solution.same_physics(other, simulation, [moved])
 
 
 def test_without_scipy_the_table_still_has_a_reference(monkeypatch):
     monkeypatch.setitem(sys.modules, "scipy.sparse", None)
     case = cases.case_of(Scene(jello=[Box(points=(2, 2, 2))], gravity=(0.0, 0.0, 0.0)), 0.05)
-    exact = truths.truth(case)
+    exact = solution.reference_solution(case)
     assert "pip install 'taichi_jello[study]'" in exact.how and exact.how.startswith("RK4")
 
 
@@ -83,8 +78,8 @@ def quick():
     """The figures of some methods for a small cube; the reference, once found, is kept for the tests after it."""
     with pytest.MonkeyPatch.context() as patch:
         shrink(patch, seconds=0.3)
-        known = truths.truth(small_smooth())
-        patch.setattr(accuracy, "truth", lambda case: known)
+        known = solution.reference_solution(small_smooth())
+        patch.setattr(accuracy, "reference_solution", lambda case: known)
         yield accuracy.measure(asked(method=",".join(METHODS)))
 
 
@@ -155,7 +150,7 @@ def test_a_kill_keeps_what_was_measured(quick, monkeypatch, tmp_path, capsys):
     assert main(["study", "accuracy", *options]) == 130
     told = json.loads(path.read_text())
     assert told["interrupted"] and [p["precision"] for p in told["cases"][0]["points"]] == ["f64"]
-    assert capsys.readouterr().out.endswith("interrupted: the tables hold what was measured until then\n")
+    assert capsys.readouterr().out.endswith("interrupted: the table holds what was measured until then\n")
     assert signal.getsignal(signal.SIGTERM) is own and not list(tmp_path.glob("*.part"))
 
 
@@ -169,44 +164,28 @@ def test_every_point_is_in_the_file_as_soon_as_it_is_measured(quick, monkeypatch
     assert not told["interrupted"]
 
 
-def test_a_helper_compiles_what_comes_next_and_rests_meanwhile(monkeypatch):
-    """As the study does: the same scenes in the same order since Taichi's start."""
-    begun = []
-    monkeypatch.setattr(ahead, "begun", lambda case, method: begun.append((case.name, method)))
-    ahead.main("cpu", "1", "rk4,verlet")
-    known = [name for name in cases.built_in(False) for _ in range(4)]
-    assert begun == list(zip(known, ["rk4", "verlet"] * 10, strict=True))[2:]
-    begun.clear()
-    ahead.main("cpu", "1", "rk4,verlet", "quick")
-    assert begun == [("smooth", "rk4"), ("smooth", "verlet")]
-    with ahead.compiling_ahead("cpu", 1, ["rk4"], True) as rest:
-        for _ in range(2):
-            with rest():
-                pass
-
-
 def test_implicit_steps_are_solved_to_a_ladder_of_tolerances():
     """The fewer passes, the looser; a run after one that was loosened gives the bits of one before."""
     runtime.start("cpu", "f64", 1)
     case = small_smooth()
     start = case.start(case.body.x)
-    exact = truths.Truth(start, 0.0 * start, 1.0, 1e-12, 1.0, 0.0, 0.0, "its beginning")
-    rolls = list(accuracy.climb(case, exact, "backward-euler", {}, 1.0, asked(substeps=12)))
-    points, simulation = [roll.point for roll in rolls], rolls[0].simulation
+    exact = solution.Solution(start, 0.0 * start, 1.0, 1e-12, 1.0, 0.0, 0.0, "its beginning")
+    measured = list(accuracy.climb(case, exact, "backward-euler", {}, 1.0, asked(substeps=12)))
+    points, simulation = [one.point for one in measured], measured[0].simulation
     assert [p["tolerance"] for p in points] == [1e-9, *accuracy.TOLERANCES]
     assert [p["loosened"] for p in points] == [False, True, True]
     own, *loosened = (p["passes"] for p in points)
     assert 24 <= loosened[0] < loosened[1] < own  # a solve takes an evaluation and a product at least
     away = [abs(p["error"] / points[0]["error"] - 1.0) for p in points]  # solved to 1e-3 of a step, 12 times
     assert 0.0 < away[2] < 12 * 1e-3 and away[2] < away[1]
-    ends = [truths.roll_out(simulation, case, 12, start).x]
-    with solved_to(simulation, 0.1):
-        ends.append(truths.roll_out(simulation, case, 12, start).x)
-    ends.append(truths.roll_out(simulation, case, 12, start).x)
+    ends = [solution.run_case(simulation, case, 12, start).x]
+    with solver_tolerance(simulation, 0.1):
+        ends.append(solution.run_case(simulation, case, 12, start).x)
+    ends.append(solution.run_case(simulation, case, 12, start).x)
     assert np.array_equal(ends[0], ends[2]) and not np.array_equal(ends[0], ends[1])
 
 
-def test_the_verdict_takes_the_fastest_that_is_near_enough():
+def test_the_recommendation_takes_the_fastest_that_is_near_enough():
     points = [
         point("a", 2e-3, 0.1),
         point("b", 5e-4, 0.2),
@@ -214,13 +193,13 @@ def test_the_verdict_takes_the_fastest_that_is_near_enough():
         point("d", np.inf, 0.0, diverged=True),
     ]
     case = {"points": points, "floor": 1e-7, "chaotic": False, "edge": 1.0, "seconds": 1.0}
-    best = verdict.fastest(case, 1e-3)
+    best = conclusions.fastest(case, 1e-3)
     assert (best["method"], best["next"], best["times_as_long"]) == ("b", "c", pytest.approx(3.0))
-    assert verdict.sentence(case).startswith("To be within 1 mm for 1 s, use b ")
-    assert verdict.fastest(case, 1e-6) is None
+    assert conclusions.recommendation(case).startswith("To be within 1 mm for 1 s, use b ")
+    assert conclusions.fastest(case, 1e-6) is None
     # What the reference cannot tell apart is no proof of an error so small.
-    assert verdict.fastest(case | {"floor": 1e-4}, 2e-5) is None
-    chaotic = verdict.sentence(case | {"chaotic": True})
+    assert conclusions.fastest(case | {"floor": 1e-4}, 2e-5) is None
+    chaotic = conclusions.recommendation(case | {"chaotic": True})
     assert chaotic.startswith("To be with its centre of mass within 1 mm for 1 s, use a ")
 
 
@@ -232,9 +211,9 @@ def test_a_chaotic_scene_is_said_to_be_one():
         solver=Solver(frame_dt=0.1),
     )
     case = cases.Case("folded", "a folded cube", scene, 0.1, lambda x: twisted(x, 180.0, 0.0))
-    exact = truths.truth(case)
+    exact = solution.reference_solution(case)
     assert exact.chaotic and exact.growth > 1e4
-    lines = accuracy.page({"points": [], "sentence": "", "told": []} | accuracy.about(case, exact))
+    lines = accuracy.case_page({"points": [], "sentence": "", "told": []} | accuracy.description(case, exact))
     assert any("too chaotic for errors point by point" in line for line in lines)
 
 

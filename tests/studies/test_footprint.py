@@ -13,7 +13,7 @@ CHOSEN = argparse.Namespace(arch="cpu", precision="f32", threads=1, method=None,
 
 @pytest.mark.parametrize("feature", footprint.FEATURES, ids=lambda feature: feature.name)
 def test_an_unused_feature_adds_no_byte_and_no_code(feature, monkeypatch):
-    monkeypatch.setattr(footprint, "in_turns", lambda runs, *_: [[1.0, 1.0] for _ in runs])
+    monkeypatch.setattr(footprint.report, "interleaved", lambda runs, *_: [[1.0, 1.0] for _ in runs])
     row = footprint.feature_row(feature, CHOSEN)
     assert row["unused_bytes"] == 0 and row["same_code"]
 
@@ -37,13 +37,13 @@ def test_how_well_it_is_known_holds_for_the_median_of_any_spread():
 
 def test_it_is_timed_on_until_it_is_known_well_enough(monkeypatch):
     noisy, quiet = [[1.0, 1.0, 1.0], [1.2, 1.0, 0.8], [1.0, 1.0, 1.0]], [[1.0] * 300] * 3
-    rounds = [quiet, *[noisy] * footprint.FEWEST]
-    monkeypatch.setattr(footprint, "in_turns", lambda *_: rounds.pop())
+    rounds = [quiet, *[noisy] * footprint.MIN_ROUNDS]
+    monkeypatch.setattr(footprint.report, "interleaved", lambda *_: rounds.pop())
     row = footprint.feature_row(footprint.FEATURES[0], argparse.Namespace(**{**vars(CHOSEN), "quick": False}))
-    assert not rounds and row["turns"] == 300 + 3 * footprint.FEWEST and row["unused_costs_within"] == 0.0
+    assert not rounds and row["turns"] == 300 + 3 * footprint.MIN_ROUNDS and row["unused_costs_within"] == 0.0
 
 
-def test_on_the_command_line_a_fresh_process_compiles_each_scene(jello, tmp_path):
+def test_on_the_command_line_each_scene_is_compiled_with_an_empty_cache(jello, tmp_path):
     (tmp_path / "one.toml").write_text('[[jello]]\nshape = "box"\npoints = [2, 2, 2]\n')
     done = jello("study", "footprint", "one.toml", "--set", "drag=0.1", "--json", "x.json")
     assert done.returncode == 0, done.stderr

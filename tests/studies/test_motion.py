@@ -9,12 +9,9 @@ import pytest
 
 from taichi_jello import SceneError
 from taichi_jello.studies import accuracy
-from taichi_jello.studies._motion import motion as motion
-from taichi_jello.studies._motion import motion_page as page
-from taichi_jello.studies._motion import toys
+from taichi_jello.studies._motion import bodies, motion, page
 from taichi_jello.studies._motion.trials import FRAME, SLOPE, SOFT, TRIALS, G
 from taichi_jello.studies._report import write_csv, write_json
-from taichi_jello.support import runtime
 
 SUBSTEPS, IMPLICIT = 40, 12
 FALL = next(trial for trial in TRIALS if trial.name == "fall")
@@ -31,11 +28,11 @@ def told():
     """A row for each of some methods, of a cube with 3³ points, spun at a quarter of the speed: its springs are as
     stiff as 40 explicit substeps can bear. All in f64, so that the closed forms are met."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(toys, "ACROSS", {True: 3})
-        patch.setattr(toys, "SPIN", 4.0)
+        patch.setattr(bodies, "RESOLUTION", {True: 3})
+        patch.setattr(bodies, "SPIN", 4.0)
         patch.setattr(motion, "FINER", (2, 4))
         told = accuracy.measure(asked(method="rk4,verlet"))
-        patch.setattr(motion, "references", lambda toys: told["references"])
+        patch.setattr(motion, "references", lambda *_: told["references"])
         told["rows"] += accuracy.measure(asked(method="backward-euler", substeps=IMPLICIT))["rows"]
         yield told
 
@@ -63,7 +60,7 @@ def test_backward_euler_loses_spin_swing_and_energy_and_rk4_keeps_them(rows):
 
 def test_backward_euler_s_swing_is_that_of_the_damped_oscillator(rows):
     """1/√(1 + ω²h²) a step, and an angle of atan ωh."""
-    a = toys.Toys(True).lowest(SOFT)[0] * FRAME / IMPLICIT
+    a = bodies.CubeAndBall(True).lowest_mode(SOFT)[0] * FRAME / IMPLICIT
     assert rows["backward-euler"]["swing"] == pytest.approx((1.0 + a * a) ** (-0.5 * IMPLICIT * 60), rel=0.05)
     assert rows["backward-euler"]["period_off"] == pytest.approx(a / atan(a) - 1.0, rel=0.1)
 
@@ -78,8 +75,8 @@ def test_the_reference_has_converged_and_a_ball_rolls_almost_as_a_rigid_one(told
 def test_a_solid_even_ball_would_roll_at_five_sevenths():
     """The finer the lattice, the nearer is its own mass to that."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(toys, "ACROSS", {True: 4, False: 12})
-        coarse, fine = (toys.Toys(quick).rolling(SLOPE) for quick in (True, False))
+        patch.setattr(bodies, "RESOLUTION", {True: 4, False: 12})
+        coarse, fine = (bodies.CubeAndBall(quick).rolling(SLOPE) for quick in (True, False))
     even = 5.0 / 7.0 * G * sin(SLOPE)
     assert 0.7 * even < coarse < fine < even
 
@@ -91,31 +88,31 @@ def test_passes_are_counted_by_trial(rows):
 
 
 def test_auto_cuts_frames_itself(told):
-    bench = motion.Automatic(toys.Toys(True), told, asked())
+    bench = motion.Bench("auto", bodies.CubeAndBall(True), ("cpu", "f64", 1))
     found, passes = bench.run(FALL, None, 1.0)
     assert found["fall_off"] == pytest.approx(0.0, abs=0.1) and 0 < passes < 1000
 
 
 def test_symplectic_euler_falls_alike_and_says_when_numbers_went_bad(told):
     """Two substeps are too few for any explicit method."""
-    runtime.start("cpu", "f64", 1)
-    bench = motion.Bench("symplectic-euler", toys.Toys(True))
+    bench = motion.Bench("symplectic-euler", bodies.CubeAndBall(True), ("cpu", "f64", 1))
     found, _ = bench.run(FALL, SUBSTEPS, 1.0)
     assert found["fall_off"] == pytest.approx(0.5 * G * FRAME / SUBSTEPS, rel=1e-5)
     row = motion.row(bench, 1, told)
     assert row["rebound"] == row["rebound_off"] == inf and row["diverged"].split()[0] == "rebound"
     assert page.cells(row)[:2] == ["symplectic-euler", "1"] and page.cells(row)[3:5] == ["diverged", "diverged"]
-    assert page.away(row) == inf
+    assert page.largest_error(row) == inf
 
 
 def test_the_ladder_begins_where_the_softest_cube_is_stable(monkeypatch):
-    runtime.start("cpu", "f64", 1)
-    bench = motion.Bench("verlet", toys.Toys(True))
+    bench = motion.Bench("verlet", bodies.CubeAndBall(True), ("cpu", "f64", 1))
     first = motion.first_rung(bench)
-    assert 1.0 < FRAME / first * bench.toys.swings[0][-1] * sqrt(SOFT) <= 2.0 and first & (first - 1) == 0
-    monkeypatch.setattr(motion, "row", lambda bench, substeps, told: {"passes": 4.0 * substeps})
-    ladder = [found["passes"] / 4.0 for found in motion.climb("verlet", bench.toys, {}, asked(substeps=None))]
-    assert ladder == [first * 4**k for k in range(len(ladder))] and ladder[-1] * 4 <= motion.PASSES < ladder[-1] * 16
+    assert 1.0 < FRAME / first * bench.bodies.modes[0][-1] * sqrt(SOFT) <= 2.0 and first & (first - 1) == 0
+    monkeypatch.setattr(motion, "row", lambda bench, substeps, results: {"passes": 4.0 * substeps})
+    ladder = [found["passes"] / 4.0 for found in motion.climb(bench, {}, asked(substeps=None))]
+    assert (
+        ladder == [first * 4**k for k in range(len(ladder))] and ladder[-1] * 4 <= motion.MAX_PASSES < ladder[-1] * 16
+    )
 
 
 def test_an_unknown_method_is_named():
@@ -126,7 +123,7 @@ def test_an_unknown_method_is_named():
 def test_text_csv_json_and_picture(told, tmp_path):
     lines = accuracy.text(told).splitlines()
     assert lines[2].split()[:3] == ["method", "substeps", "passes"] and lines[3].startswith("rk4 ")
-    assert any(line.startswith("rebound 0.") and "in truth: RK4 in f64" in line for line in lines)
+    assert any(line.startswith("rebound 0.") and "by the reference: RK4 in f64" in line for line in lines)
     assert lines[-1].startswith("within 5% in everything: ") and "not here: backward-euler" in lines[-1]
     write_csv(tmp_path / "x.csv", accuracy.rows(told))
     (first, *_) = csv.DictReader((tmp_path / "x.csv").open())

@@ -1,7 +1,6 @@
 """The guide's figures come from the files beside its pictures, and one command makes them."""
 
 import json
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +17,6 @@ def test_one_command_makes_picture_figures_and_table(tmp_path, capsys, monkeypat
     smooth = cases.built_in(True)["smooth"]
     small = replace(smooth, scene=replace(smooth.scene, jello=[replace(smooth.scene.jello[0], points=(3, 3, 3))]))
     monkeypatch.setattr(accuracy, "default", lambda quick: [small])
-    monkeypatch.setattr(accuracy, "compiling_ahead", lambda *_: nullcontext(nullcontext))
     monkeypatch.setattr(accuracy, "SECONDS", {True: 0.3})
     readme = tmp_path / "README.md"
     readme.write_text("before\n<!-- accuracy -->\nold\n<!-- end -->\nafter\n")

@@ -28,9 +28,9 @@ def test_a_csv_names_columns_within_columns(tmp_path):
 
 def test_timings_take_turns():
     calls = []
-    found = report.in_turns([lambda: calls.append("a"), lambda: calls.append("b")], 0.0, repeats=3)
+    found = report.interleaved([lambda: calls.append("a"), lambda: calls.append("b")], 0.0, repeats=3)
     assert "".join(calls)[4:] == "abbaab" and [len(seconds) for seconds in found] == [3, 3]
-    assert report.summed_up([3.0, 1.0, 2.0]) == {"min": 1.0, "median": 2.0}
+    assert report.min_and_median([3.0, 1.0, 2.0]) == {"min": 1.0, "median": 2.0}
 
 
 def test_without_matplotlib_one_line_says_how_to_get_it(monkeypatch):

@@ -66,6 +66,12 @@ def test_beside_a_busy_process_that_is_ended(monkeypatch):
     assert row["of_the_best"] == pytest.approx(rates["watching"] / best)
     assert "beside a busy process, 6³ points" in busy.line(row)
     assert "not measured" in busy.line(busy.busy_row("vulkan", 6, 0.0, 2))
-    with pytest.raises(KeyboardInterrupt), busy.busy_process():
+
+    def interrupted(*_):
+        assert begun[-1].poll() is None
         raise KeyboardInterrupt
-    assert begun[-1].poll() is not None
+
+    monkeypatch.setattr(busy, "interleaved", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        busy.busy_row("cpu", 6, 0.0, 2)
+    assert len(begun) == 2 and begun[-1].poll() is not None

@@ -20,27 +20,27 @@ def taichi(best_precision):
 
 def test_a_case_passes_fails_or_is_refused():
     flat = replace(BY_NAME["flat, 1 % thick"], seconds=1.0)
-    well = stress.stand(flat, "auto")
+    well = stress.run_case(flat, "auto")
     assert well["verdict"] == "ok" and well["passes"] and well["method"] == "rk4"
     assert well["rise"] == pytest.approx(0.0, abs=1e-5) and well["evaluations"] > 0
-    late = replace(BY_NAME["melted, k = 0"], demand=lambda simulation, start: "not what it should be")
-    assert stress.stand(late, "rk4")["verdict"] == "not what it should be"
-    refused = stress.stand(BY_NAME["k = 1e-6 N/m"], "euler")
+    late = replace(BY_NAME["melted, k = 0"], check=lambda simulation, start: "not what it should be")
+    assert stress.run_case(late, "rk4")["verdict"] == "not what it should be"
+    refused = stress.run_case(BY_NAME["k = 1e-6 N/m"], "euler")
     assert refused["passes"] and refused["verdict"].startswith("refuses: euler has no stable step")
 
 
 def test_a_method_that_there_is_not_is_a_mistake():
     for methods in ("rk9", "rk4,,"):
         with pytest.raises(SceneError, match=r"solver\.method: expected one of"):
-            stress.measure(argparse.Namespace(method=methods))
+            stress.measure(argparse.Namespace(method=methods, quick=False))
 
 
 def test_a_long_run_keeps_momentum_and_energy():
     turning = replace(BY_NAME["turns for 1e6 steps"], steps=30_000)
-    assert stress.stand(turning, "rk4")["verdict"] == "ok"
+    assert stress.run_case(turning, "rk4")["verdict"] == "ok"
     simulation = turning.simulation(method="rk4")
     simulation.push((0.0, 1e-3, 0.0))
-    assert turning.demand(simulation, simulation.start.x).startswith("momentum off by ")
+    assert turning.check(simulation, simulation.start.x).startswith("momentum off by ")
 
 
 def test_shape_error_sees_past_motion_and_reflection():

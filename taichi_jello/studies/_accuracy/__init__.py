@@ -1,1 +1,1 @@
-"""Parts of the study of accuracy."""
+"""Parts of the accuracy study."""

@@ -1,8 +1,8 @@
-"""The built-in cases of the accuracy study: smooth, stiff, contact and several jellos. Data; one more is one more
-entry."""
+"""The built-in cases of the accuracy study: smooth, stiff, in contact, and several jellos."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,23 +13,18 @@ from taichi_jello.scene.description import Contact, Pin, Scene, Solver
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.studies._reference import twisted
 
-STILL = (0.0, 0.0, 0.0)
-
-
-def as_it_is(x: np.ndarray) -> np.ndarray:
-    return x
-
 
 @dataclass(frozen=True)
 class Case:
-    """A scene from its beginning, its points x (N, 3) moved to `start(x)`, to `seconds`, a whole number of its frames;
-    `shows`: what it teaches."""
+    """A scene that starts with its points x (N, 3) moved to `start(x)` and lasts `seconds`, a whole number of frames.
+
+    shows: what the case teaches."""
 
     name: str
     shows: str
     scene: Scene
     seconds: float
-    start: Callable[[np.ndarray], np.ndarray] = as_it_is
+    start: Callable[[np.ndarray], np.ndarray] = np.copy
 
     @property
     def body(self) -> Body:
@@ -47,17 +42,16 @@ class Case:
 
 
 def built_in(quick: bool) -> dict[str, Case]:
-    """The cases by name; with `quick` smaller lattices, which move alike."""
-    n = (4, 4, 4) if quick else (8, 8, 8)
-    few = (4, 4, 4) if quick else (6, 6, 6)
+    """The cases by name; `quick`: on smaller lattices. Each is a single frame, so that a step may have any length."""
+    points = (4, 4, 4) if quick else (8, 8, 8)
+    fewer = (4, 4, 4) if quick else (6, 6, 6)
+    floating = (0.0, 0.0, 0.0)  # gravity
 
-    def whole(seconds: float) -> Solver:
-        """One frame for it all, so that a step may be as long as a method likes."""
-        return Solver(frame_dt=seconds)
+    def scene(seconds: float, *jello: Box, **more: Any) -> Scene:
+        return Scene(jello=list(jello), solver=Solver(frame_dt=seconds), **more)
 
     def cube(points: tuple[int, int, int], damping: float) -> Scene:
-        jello = Box(points=points, stiffness=2000.0, damping=damping)
-        return Scene(gravity=STILL, jello=[jello], solver=whole(0.1))
+        return scene(0.1, Box(points=points, stiffness=2000.0, damping=damping), gravity=floating)
 
     stiff = Box(
         points=(8, 3, 3),
@@ -66,36 +60,24 @@ def built_in(quick: bool) -> dict[str, Case]:
         damping={"structural": 5.0, "shear": 0.2, "bend": 0.2},
         pin=[Pin(max=(0.0, 1.0, 1.0))],
     )
-    fallen = Box(points=few, position=(0.0, 0.51, 0.0), velocity=(0.5, -2.0, 0.0))
-    pair = [
-        Box(points=few, stiffness=500.0, rotation=(10.0, 20.0, 0.0), spin=(0.0, 0.0, 3.0)),
-        Box(points=(4, 4, 4), position=(1.6, 0.0, 0.0), stiffness=100.0, spin=(0.0, 5.0, 0.0)),
-    ]
+    landing = Box(points=fewer, position=(0.0, 0.51, 0.0), velocity=(0.5, -2.0, 0.0))
+    one = Box(points=fewer, stiffness=500.0, rotation=(10.0, 20.0, 0.0), spin=(0.0, 0.0, 3.0))
+    other = Box(points=(4, 4, 4), position=(1.6, 0.0, 0.0), stiffness=100.0, spin=(0.0, 5.0, 0.0))
+    pair = scene(0.2, one, other, gravity=floating, contact=Contact(touch=False))
     cases = [
-        Case("smooth", "a damped cube, twisted by 36° and stretched by 10 %, swings", cube(n, 0.25), 0.1, twisted),
-        Case("undamped", "the same without damping", cube(few, 0.0), 0.1, twisted),
-        Case(
-            "stiff",
-            "a held bar, 500 times as stiff along its axes, bends",
-            Scene(jello=[stiff], solver=whole(0.2)),
-            0.2,
-        ),
-        Case("contact", "a cube lands", Scene(jello=[fallen], collider=[Plane()], solver=whole(0.1)), 0.1),
-        Case(
-            "pair",
-            "two jellos of different stiffness, apart",
-            Scene(gravity=STILL, jello=pair, contact=Contact(touch=False), solver=whole(0.2)),
-            0.2,
-            twisted,
-        ),
+        Case("smooth", "a damped cube, twisted by 36° and stretched by 10 %, swings", cube(points, 0.25), 0.1, twisted),
+        Case("undamped", "the same without damping", cube(fewer, 0.0), 0.1, twisted),
+        Case("stiff", "a held bar, 500 times as stiff along its axes, bends", scene(0.2, stiff), 0.2),
+        Case("contact", "a cube lands", scene(0.1, landing, collider=[Plane()]), 0.1),
+        Case("pair", "two jellos of different stiffness, apart", pair, 0.2, twisted),
     ]
     return {case.name: case for case in cases}
 
 
 def default(quick: bool) -> list[Case]:
-    """The cases of a study that is given none: all, or the smooth one."""
-    known = built_in(quick)
-    return [known["smooth"]] if quick else list(known.values())
+    """All built-in cases; `quick`: the smooth one."""
+    cases = list(built_in(quick).values())
+    return cases[:1] if quick else cases
 
 
 def case_of(scene: Scene, seconds: float | None) -> Case:

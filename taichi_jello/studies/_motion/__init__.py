@@ -1,1 +1,1 @@
-"""Parts of the study of motion."""
+"""Parts of the motion study."""

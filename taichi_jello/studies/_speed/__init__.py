@@ -1,1 +1,1 @@
-"""Parts of the study of speed."""
+"""Parts of the speed study."""
