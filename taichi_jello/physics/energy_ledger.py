@@ -69,7 +69,7 @@ class Ledger:
                 column = ti.static(self.starts[-1] + f)
                 force = self.plain[f].on(i, x, v, t)
                 self.work[i][column] = self.work[i][column] + weight * force.dot(v[i])
-            if ti.static(self.handles):  # noqa: SIM102
+            if ti.static(self.handles):
                 if system.particles.inverse_mass(i) == 0.0 and v[i].dot(v[i]) > 0.0:
                     against = ti.Vector([0.0, 0.0, 0.0])
                     for force in ti.static(self.alone):

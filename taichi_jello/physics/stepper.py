@@ -85,10 +85,10 @@ class Stepper:
             ti.loop_config(block_dim=1)
         for member in range(members if ti.static(self.team > 1) else 1):
             first, last = self.system.part_of(member)
-            if ti.static(self.books):  # noqa: SIM102
+            if ti.static(self.books):
                 if start == origin:
                     self.ledger.book(self.system, first, last, 0, stop - origin, origin, dt)
-            if ti.static(self.integrator.has_begin):  # noqa: SIM102
+            if ti.static(self.integrator.has_begin):
                 if begins:
                     self.integrator.begin(self.system, first, last, start * dt)
             for step in range(start, end):
@@ -115,7 +115,7 @@ class Stepper:
         self.system.brake(first, last)
         if ti.static(self.books):
             self.ledger.book(self.system, first, last, step + 1 - origin, stop - origin, origin, dt)
-        if ti.static(len(self.mutual) > 0):  # noqa: SIM102
+        if ti.static(len(self.mutual) > 0):
             if first == 0:
                 self.reached[0] = step + 1
 

@@ -177,7 +177,7 @@ class Hand(ParticleForce):
     def calming(self, i):
         """m γ of particle i [kg/s], zero if it is not of the held jello."""
         rate = self.hand[2][0]
-        if ti.static(self.several):  # noqa: SIM102 - decided when it is compiled
+        if ti.static(self.several):
             if self.jello_of[i] != int(self.hand[2][1]):
                 rate = 0.0
         return rate * self.particle.mass(i)

@@ -101,16 +101,16 @@ class XPBD(Integrator):
         if ti.static(system.team > 0):
             if s == 0:
                 self.push(system, first, last, t, dt)
-            if ti.static(self.colors > 0):  # noqa: SIM102 - decided when it is compiled
+            if ti.static(self.colors > 0):
                 if 0 < s <= self.colors:
                     self.sweep(system, first, last, s - 1, dt)
-            if ti.static(self.turns_by_mistake):  # noqa: SIM102
+            if ti.static(self.turns_by_mistake):
                 if s == self.colors + 1:
                     self.spin.correct(system, first, last, self.state.x, self.state.v, self.before)
-            if ti.static(self.colors > 0):  # noqa: SIM102
+            if ti.static(self.colors > 0):
                 if self.limits <= s < self.settles:
                     self.limit(system, first, last, s - self.limits, dt)
-            if ti.static(len(self.holding) > 0):  # noqa: SIM102
+            if ti.static(len(self.holding) > 0):
                 if s >= self.settles:
                     self.settle(system, first, last, s == self.settles, t + dt, dt)
         else:  # loops become parallel tasks only where no `if` is around them

@@ -151,7 +151,7 @@ class PenaltyContact(ParticleForce):
                     force += pressed * n
                     if ti.static(self.rubs):
                         force += rub(pressed, relative - speed * n, law[2], share * law[3])
-                    if ti.static(group.solid):  # noqa: SIM102 - decided when it is compiled
+                    if ti.static(group.solid):
                         if -touch[3] > 0.5 * self.sweep.depth:
                             self.deep[0] = 1
         return force
