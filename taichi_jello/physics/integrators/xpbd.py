@@ -194,7 +194,7 @@ class XPBD(Integrator):
             b = ti.Vector([m, m, m, 0.0, 0.0, 0.0]) / (dt * dt)
             for force in ti.static(self.holding):
                 r += force.on(i, self.ahead, self.state.v, t)
-                if ti.static(force.burdens):
+                if ti.static(force.adds_mass):
                     r += force.on_held(i, self.ahead, self.state.v, t)
                 b += force.curvature(i, self.ahead, self.state.v, t, dt)
             self.change[i] = system.particles.inverse_mass(i) * m / dt * solve_spd(b, r)
