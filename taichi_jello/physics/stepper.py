@@ -63,7 +63,7 @@ class Stepper:
     @ti.func
     def one_step(self, first, last, origin, step, stop, dt):
         """Step number `step` of those from `origin` to `stop`, for the particles first … last - 1: find contacts; for
-        each stage gather the forces; advance and stop at solids (both in `finish`); brake deep contacts."""
+        each stage gather the forces (System.accelerations); then `_finish`."""
         self._find_contacts(first, last, dt)
         for s in range(self.integrator.stages):
             self.integrator.stage(self.system, first, last, s, step * dt, dt)
@@ -73,12 +73,17 @@ class Stepper:
                         if self.integrator.solver.mode[0] == kind:
                             self.integrator.solver.turn(kind, self.system, first, last)
                     self.integrator.solver.turn_ends(self.system, first, last)
+        self._finish(first, last, origin, step, stop, dt)
+
+    @ti.func
+    def _finish(self, first, last, origin, step, stop, dt):
+        """Advance and stop at solids, brake deep contacts, book the work."""
         self.integrator.finish(self.system, first, last, step * dt, dt)
         self.system.brake(first, last)
         if ti.static(self.books):
             self.ledger.book(self.system, first, last, step + 1 - origin, stop - origin, origin, dt)
         if ti.static(len(self.mutual) > 0):
-            if first == 0:
+            if first == 0 and last > 0:
                 self.reached[0] = step + 1
 
     @ti.kernel
@@ -127,7 +132,7 @@ class Stepper:
 
     @ti.func
     def _last(self):
-        """One past the last particle of a parallel loop: no particle if the step has to wait."""
+        """One past the last particle of a parallel loop: none if the step has to wait."""
         return ti.select(self._stale(), 0, self.count) if ti.static(len(self.mutual) > 0) else self.count
 
     @ti.kernel
@@ -139,28 +144,24 @@ class Stepper:
         return self.reached[0]
 
     def _parallel_steps(self, origin: int, first: int, last: int, dt: float) -> None:
-        """`one_step` as kernels. Only those that wait for the host need to know there whether a step has to wait."""
+        """`one_step` as kernels for a GPU. Their loops do nothing if the step has to wait."""
         solves, stages = self.integrator.solves, self.integrator.stages
         if self.books and first == origin:
-            self._parallel_book(origin, origin, last, dt)
+            self._parallel_book(origin, last, dt)
         if self.integrator.has_begin:
             self._parallel_begin(first * dt)
         for step in range(first, last):
             if self.mutual:
                 self._parallel_watch(step, dt)
-                if (solves or self.system.brakes or self.books) and self._is_stale():
+                if solves and self._is_stale():
                     return
             for s in range(stages):
-                self._parallel_stage(s, step, dt, not solves and s == stages - 1)
+                self._parallel_stage(s, origin, step, last, dt, not solves and s == stages - 1)
                 while solves and (mode := self.integrator.solver.mode[0]):
                     self._parallel_turn(mode)
                     self._parallel_turn_ends()
             if solves:
-                self._parallel_finish(step, dt)
-            if self.system.brakes:
-                self._parallel_brake()
-            if self.books:
-                self._parallel_book(origin, step + 1, last, dt)
+                self._parallel_finish(origin, step, last, dt)
 
     @ti.kernel
     def _parallel_watch(self, step: int, dt: float):
@@ -170,18 +171,18 @@ class Stepper:
         self._find_contacts(0, self._last(), dt)
 
     @ti.kernel
-    def _parallel_book(self, origin: int, step: int, stop: int, dt: float):
-        self.ledger.book(self.system, 0, self.count, step - origin, stop - origin, origin, dt)
+    def _parallel_book(self, origin: int, stop: int, dt: float):
+        self.ledger.book(self.system, 0, self.count, 0, stop - origin, origin, dt)
 
     @ti.kernel
     def _parallel_begin(self, t: float):
         self.integrator.begin(self.system, 0, self.count, t)
 
     @ti.kernel
-    def _parallel_stage(self, s: int, step: int, dt: float, finishes: ti.template()):
+    def _parallel_stage(self, s: int, origin: int, step: int, stop: int, dt: float, finishes: ti.template()):
         self.integrator.stage(self.system, 0, self._last(), s, step * dt, dt)
         if ti.static(finishes):
-            self._finish(step, dt)
+            self._finish(0, self._last(), origin, step, stop, dt)
 
     @ti.kernel
     def _parallel_turn(self, kind: ti.template()):
@@ -192,17 +193,5 @@ class Stepper:
         self.integrator.solver.turn_ends(self.system, 0, self.count)
 
     @ti.kernel
-    def _parallel_finish(self, step: int, dt: float):
-        self._finish(step, dt)
-
-    @ti.func
-    def _finish(self, step, dt):
-        last = self._last()
-        self.integrator.finish(self.system, 0, last, step * dt, dt)
-        if ti.static(len(self.mutual) > 0):
-            if last > 0:
-                self.reached[0] = step + 1
-
-    @ti.kernel
-    def _parallel_brake(self):
-        self.system.brake(0, self.count)
+    def _parallel_finish(self, origin: int, step: int, stop: int, dt: float):
+        self._finish(0, self._last(), origin, step, stop, dt)

@@ -22,8 +22,8 @@ def test_a_held_weight_hangs_below_the_hand_by_its_weight(epsilon):
 
 
 def test_a_single_particle_follows_critically_damped(epsilon):
-    """x'' = -ω²(x - d) - 2ωx' from rest: x = d (1 - (1 + ωt) e^(-ωt)), ω² = k/(m + M), the hand's mass M = k/FREQUENCY²;
-    the hand jumps before the first frame."""
+    """x'' = -ω²(x - d) - 2ωx' from rest: x = d (1 - (1 + ωt) e^(-ωt)), ω² = k/(m + M), the hand's mass
+    M = k/FREQUENCY²; the hand jumps before the first frame."""
     scene = Scene(
         gravity=(0.0, 0.0, 0.0), jello=[Box(points=(1, 1, 1))], force=[Grab(stiffness=400.0, limit=1e3, calm=0.0)]
     )

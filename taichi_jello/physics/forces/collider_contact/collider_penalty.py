@@ -63,6 +63,7 @@ class PenaltyContact(ParticleForce):
     reads_velocity = True
     has_curvature = True
     works = ("contact dashpots", "friction", "moving colliders")
+    bare: Any  # whether each particle touches, where `masked`
 
     def __init__(self, scene: Scene, particles: Particles):
         self.particles, self.colliders = particles, self._sorted(scene.collider)
@@ -82,7 +83,7 @@ class PenaltyContact(ParticleForce):
         now = self._rows(0.0, 1.0)
         keyed = any(collider.keyframe for collider in self.colliders)
         self.moving = keyed or bool(now[:, 3:6].any()) or not np.array_equal(now, self._rows(1.0, 2.0))
-        self.masked, self.bare = False, None  # in some scenes only some particles touch
+        self.masked = False
         self.surface_speed = 0.0
         if any(group.solid for group in groups):
             self.deep = particles.memory.table(self.title, "deep", np.zeros(1, np.int32))
@@ -147,7 +148,7 @@ class PenaltyContact(ParticleForce):
 
     @ti.func
     def add_surfaces(self, what: ti.template(), law, p, u, t, h, share, total: ti.template()):
-        """Add up `what` over the surfaces that a point at p, moving at u, is behind: see push, stiffening, losses."""
+        """Add up `what` over the surfaces that a point at p, moving at u, is behind: see the following functions."""
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
                 touch = self.touch(group.signed_distance, r, p, t)
@@ -170,6 +171,8 @@ class PenaltyContact(ParticleForce):
                             if ti.static(self.rubs):
                                 across = friction_slope(law[2] * pressed, slide, share * law[3]) / h
                             total += block(across, share * (law[0] + law[1] / h), n)
+                    elif ti.static(what == "energy"):
+                        total += 0.5 * law[0] * touch[3] * touch[3]
                     else:
                         total[0] += (pressed + share * law[0] * touch[3]) * speed
                         total[2] += pressed * n.dot(own)
@@ -245,10 +248,7 @@ class PenaltyContact(ParticleForce):
     def pressed_energy(self, law, p, t):
         """½ k depth² [J] of a point at p."""
         total = ti.cast(0.0, float)
-        for group in ti.static(self.groups):
-            for r in range(group.start, group.stop):
-                depth = ti.max(0.0, -self.touch(group.signed_distance, r, p, t)[3])
-                total += 0.5 * law[0] * depth * depth
+        self.add_surfaces("energy", law, p, p, t, 1.0, 1.0, total)
         return total
 
     @ti.func

@@ -23,8 +23,8 @@ SAFE_WAY = 0.125  # of a core's depth: if no particle moves farther in one step,
 class Sweep:
     """The cores of the surfaces of one contact force, for the particles `guarded` (N,) bool.
 
-    `stop` only reads two flags while nothing is fast enough and nothing is pressed in deep. `whole`, for implicit steps:
-    test in every step, since one may be a frame long, and move jellos back as wholes.
+    `stop` only reads two flags while nothing is fast enough and nothing is pressed in deep. `whole`, for implicit
+    steps: test in every step, since one may be a frame long, and move jellos back as wholes.
     """
 
     def __init__(self, contact: Any, particles: Particles, guarded: np.ndarray):

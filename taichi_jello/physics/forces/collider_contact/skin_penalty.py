@@ -38,17 +38,16 @@ class SkinContact(PenaltyContact):
         self.share = shares(body)
         place = body.skin_weights @ np.array([[k >> 2, k >> 1 & 1, k & 1] for k in range(8)])
         by_particle = np.argsort(cells.ravel(), kind="stable")
-        tables = {
-            "corners": cells,
-            "start": np.searchsorted(cell[order], np.arange(len(cells) + 1)),
-            "skin": np.column_stack([place, self.share])[order],  # place in the cell, 0 to 1 along each side; share
-            "first": np.searchsorted(cells.ravel()[by_particle], np.arange(len(body) + 1)),
-            "around": by_particle,  # 8 cell + corner, for each particle
-            "near": np.zeros(len(cells), np.int32),
-            "forces": np.zeros((8 * len(cells), 3)),
-        }
-        for name, values in tables.items():
-            setattr(self, name, memory.table(self.title, name, values))
+        # Place in the cell, 0 to 1 along each side; share.
+        skin = np.column_stack([place, self.share])[order]
+        self.corners = memory.table(self.title, "corners", cells)
+        self.start = memory.table(self.title, "start", np.searchsorted(cell[order], np.arange(len(cells) + 1)))
+        self.skin = memory.table(self.title, "skin", skin)
+        first = np.searchsorted(cells.ravel()[by_particle], np.arange(len(body) + 1))
+        self.first = memory.table(self.title, "first", first)
+        self.around = memory.table(self.title, "around", by_particle)  # 8 cell + corner, for each particle
+        self.near = memory.table(self.title, "near", np.zeros(len(cells), np.int32))
+        self.forces = memory.table(self.title, "forces", np.zeros((8 * len(cells), 3)))
 
     @classmethod
     def made_for(cls, scene: Scene, particles: Particles) -> list[PenaltyContact]:
@@ -131,24 +130,26 @@ class SkinContact(PenaltyContact):
         return total
 
     @ti.func
-    def energy(self, i, x, t):
-        """The first corner of a cell has all of its energy."""
-        total = ti.cast(0.0, float)
+    def sum_over_own_points(self, i, term: ti.template(), x, v, t, zero):
+        """Over the points of the cells that have particle i for their first corner."""
+        total = zero
         for e in range(self.first[i], self.first[i + 1]):
             if self.around[e] % 8 == 0:
                 cell = self.around[e] // 8
                 for q in range(self.start[cell], self.start[cell + 1]):
-                    total += self.skin[q][3] * self.pressed_energy(self.law.of(i), self.at_point(q, cell, x), t)
+                    total += term(
+                        self.law.of(i), self.at_point(q, cell, x), self.at_point(q, cell, v), t, self.skin[q][3]
+                    )
         return total
 
     @ti.func
+    def energy_of(self, law, p, u, t, share):
+        return share * self.pressed_energy(law, p, t)
+
+    @ti.func
+    def energy(self, i, x, t):
+        return self.sum_over_own_points(i, self.energy_of, x, x, t, ti.cast(0.0, float))
+
+    @ti.func
     def powers(self, i, x, v, t):
-        """The first corner of a cell has all of its power."""
-        total = ti.Vector([0.0, 0.0, 0.0])
-        for e in range(self.first[i], self.first[i + 1]):
-            if self.around[e] % 8 == 0:
-                cell = self.around[e] // 8
-                for q in range(self.start[cell], self.start[cell + 1]):
-                    p, u = self.at_point(q, cell, x), self.at_point(q, cell, v)
-                    total += self.losses(self.law.of(i), p, u, t, self.skin[q][3])
-        return total
+        return self.sum_over_own_points(i, self.losses, x, v, t, ti.Vector([0.0, 0.0, 0.0]))

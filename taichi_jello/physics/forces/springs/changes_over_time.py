@@ -12,26 +12,11 @@ from taichi_jello.scene.keyframes import factor, gravity
 SLACK = 1e-9  # s that the clock's rounding may put the beginning of a frame before a keyframe
 
 
-class Change:
-    """One thing that changes. `memory`: what a run needs to go on from a moment, arrays that are replaced, never
-    written to; `work` [J]: the energy put into the system until now, by cause."""
+class SpringChange:
+    """Keyframes of stiffness, damping and rest lengths, freezing, tearing, yield and creep, in this order.
 
-    memory: dict[str, np.ndarray]
-    work: dict[str, float]
-
-    def fresh(self) -> dict[str, np.ndarray]:
-        """The memory at the beginning of a run."""
-        return {}
-
-    def begin(self, time: float, passed: float, x: np.ndarray) -> None:
-        """Change what changes at `time` [s], `passed` [s] after the last call, with the particles at x (N, 3) [m]."""
-
-    def recall(self, time: float) -> None:
-        """Restore what the memory says of `time` [s]."""
-
-
-class SpringChange(Change):
-    """Keyframes of stiffness, damping and rest lengths, freezing, tearing, yield and creep, in this order."""
+    `memory`: what a run needs to go on from a moment, arrays that are replaced, never written to; `work` [J]: the
+    energy put into the system until now, by cause."""
 
     def __init__(self, scene: Scene, body: Body, springs: Any, touch: Any):
         self.scene, self.body, self.springs, self.touch = scene, body, springs, touch
@@ -50,12 +35,8 @@ class SpringChange(Change):
         self.state = springs_at(scene, body, 0.0, self.memory)
         self.written = SpringState(body.stiffness, body.rest_length, body.damping)
 
-    @classmethod
-    def made_for(cls, scene: Scene, body: Body, forces: dict[str, Any]) -> list[Change]:
-        wanted = any(jello.changes for jello in scene.jello) and "springs" in forces
-        return [cls(scene, body, forces["springs"], forces.get("touch"))] if wanted else []
-
     def fresh(self) -> dict[str, np.ndarray]:
+        """The memory at the beginning of a run."""
         memory = {}
         if any(jello.takes_its_own_shape for jello in self.scene.jello):
             memory["rest_length"] = self.body.rest_length
@@ -68,6 +49,7 @@ class SpringChange(Change):
         return memory
 
     def begin(self, time: float, passed: float, x: np.ndarray) -> None:
+        """Change what changes at `time` [s], `passed` [s] after the last call, with the particles at x (N, 3) [m]."""
         self._update("keyframes", time, x)
         length = lengths(self.body, x)
         if self.freezes:
@@ -86,6 +68,7 @@ class SpringChange(Change):
         self._write()
 
     def recall(self, time: float) -> None:
+        """Restore the springs at `time` [s] with the memory as it is."""
         self.state = springs_at(self.scene, self.body, time, self.memory)
         self._write()
 
@@ -133,17 +116,17 @@ class SpringChange(Change):
             self.written = self.state
 
 
-class GravityChange(Change):
+class GravityChange:
     """Keyframes of gravity. A frame takes the value at its middle: the midpoint rule. The energy -m g·x changes with
     g: that much work is put in."""
 
     def __init__(self, scene: Scene, body: Body, force: Any):
         self.scene, self.body, self.force = scene, body, force
-        self.memory, self.work = {}, {"keyframes": 0.0}
+        self.memory: dict[str, np.ndarray] = {}
+        self.work = {"keyframes": 0.0}
 
-    @classmethod
-    def made_for(cls, scene: Scene, body: Body, forces: dict[str, Any]) -> list[Change]:
-        return [cls(scene, body, forces["gravity"])] if scene.keyframe else []
+    def fresh(self) -> dict[str, np.ndarray]:
+        return {}
 
     def begin(self, time: float, passed: float, x: np.ndarray) -> None:
         before = np.array(self.force.acceleration)
@@ -177,7 +160,11 @@ class Changes:
         named = {force.title: force for force in forces}
         self.present = [title for title, used in options(scene).items() if used]
         self.absent = [title for title, used in options(scene).items() if not used]
-        self.all = [c for kind in (SpringChange, GravityChange) for c in kind.made_for(scene, body, named)]
+        self.all: list[SpringChange | GravityChange] = []
+        if "springs" in named and any(jello.changes for jello in scene.jello):
+            self.all.append(SpringChange(scene, body, named["springs"], named.get("touch")))
+        if scene.keyframe:
+            self.all.append(GravityChange(scene, body, named["gravity"]))
         self.begun: float | None = None
 
     def begin(self, time: float, x: np.ndarray) -> None:
