@@ -32,10 +32,10 @@ class Probe:
 
     @ti.kernel
     def _look(self, r: ti.template()):
-        """One round of System.look without a team, whose other members it would wait for."""
+        """One round of System.find_contacts without a team, whose other members it would wait for."""
         for force in ti.static(self.system.mutual):
             if ti.static(r < force.rounds):
-                force.look(r, self.system, 0, self.count, self.system.state.x, self.system.state.v, 0.0)
+                force.find_contacts(r, self.system, 0, self.count, self.system.state.x, self.system.state.v, 0.0)
 
     @ti.kernel
     def _prepare(self, t: float):

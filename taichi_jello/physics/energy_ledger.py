@@ -29,10 +29,10 @@ class Ledger:
     """One account for each of `names`; fields with the work on each particle in one call of System.steps, which `take`
     sums up in float64, so that long runs do not drift in f32.
 
-    A force has the accounts `works` and their `powers`. Without them, if it stores no energy and is evaluated one by
-    one, it has one account and the power F · v. A handle, a held particle that moves at v, does so against all forces,
-    with the power -F · v (without contact with other jellos). Contact forces between jellos along another direction
-    than their depth have no potential: they stay in the residual.
+    A force has the accounts `works` and their `powers`; without them, if it stores no energy, one account and the
+    power F · v. A held particle that moves at v does so against all forces, with the power -F · v (without contact
+    with other jellos). Contact between jellos along another direction than its depth has no potential: it stays in
+    the residual.
     """
 
     def __init__(self, forces: tuple[ParticleForce, ...], memory: Memory, handles: bool = False):

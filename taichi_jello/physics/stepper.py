@@ -115,7 +115,9 @@ class Stepper:
     @ti.func
     def _find_contacts(self, first, last, dt):
         if ti.static(not self.integrator.solves):
-            self.system.look(first, last, self.system.state.x, self.system.state.v, self.integrator.looks_at * dt)
+            self.system.find_contacts(
+                first, last, self.system.state.x, self.system.state.v, self.integrator.looks_at * dt
+            )
 
     @ti.func
     def _watch(self, first, last, t, dt):

@@ -135,14 +135,14 @@ class System(Team):
         self.find_bound()
 
     @ti.func
-    def accelerations(self, first, last, x, v, t, a, looks: ti.template() = False):
-        """a = f(x, v, t)/m for the particles first … last - 1, f the sum of the forces the scene has. `looks`: find
+    def accelerations(self, first, last, x, v, t, a, finds_contacts: ti.template() = False):
+        """a = f(x, v, t)/m for the particles first … last - 1, f the sum of the forces the scene has. `finds_contacts`: find
         contacts at x anew, as for a long implicit step.
 
         (Everywhere in the step `f[i] = f[i] + …`, since Taichi makes `f[i] += …` an atomic addition in a parallel
         loop: measured, it halves the speed.)"""
-        if ti.static(looks):
-            self.look(first, last, x, v, 0.0)
+        if ti.static(finds_contacts):
+            self.find_contacts(first, last, x, v, 0.0)
         self.wait_for_team()  # until x and v of all particles are there
         if ti.static(len(self.prepared) > 0):
             for force in ti.static(self.prepared):
@@ -181,13 +181,13 @@ class System(Team):
             brake.brake(self, first, last, self.state.x, self.state.v)
 
     @ti.func
-    def look(self, first, last, x, v, ahead):
+    def find_contacts(self, first, last, x, v, ahead):
         """Find contacts between jellos at x + ahead v, with the team's share of the particles first … last - 1."""
         for r in ti.static(range(self.rounds)):
             self.wait_for_team()  # until x and v of all particles, and then what the last round found, are there
             for force in ti.static(self.mutual):
                 if ti.static(r < force.rounds):
-                    force.look(r, self, first, last, x, v, ahead)
+                    force.find_contacts(r, self, first, last, x, v, ahead)
 
     @ti.func
     def inertia(self, i):
@@ -208,7 +208,7 @@ class System(Team):
         if integrator.solves:
             integrator.prepare(self, dt)
         for sweep in self.sweeps:
-            sweep.look_out(self.good.v, dt)
+            sweep.check_speed(self.good.v, dt)
 
     def refresh(self, t: float, dt: float) -> None:
         """Rebuild the neighbour lists that are not known to be valid."""

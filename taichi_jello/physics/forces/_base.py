@@ -57,7 +57,7 @@ def even_block(across):
 
 
 class Capabilities:
-    """What only some forces can do. Each is off unless a force switches it on and defines the functions named here.
+    """What only some forces do. Each is off unless a force switches it on and defines the functions named here.
 
     in_passes: `on_pass(first, last, x, v, t, f)` adds the forces on the particles of one pass (see Memory.lanes) to f.
     prepares: `prepare(first, last, x, v, t)` runs before any force is asked for: one loop over its own `points`, each
@@ -129,9 +129,9 @@ class ParticleForce(Capabilities):
 class MutualForce(ParticleForce):
     """Contact between jellos: forces that are equal and opposite, and the neighbour list they come from.
 
-    Narrow phase: contacts are found once a step, in an implicit step at each evaluation. `look(r, system, first, last,
-    x, v, ahead)`, a ti.func, is one of `rounds` rounds for the particles at x + ahead v; all members of the team finish
-    a round before the next begins.
+    Narrow phase: contacts are found once a step, in an implicit step at each evaluation. `find_contacts(r, system,
+    first, last, x, v, ahead)`, a ti.func, is one of `rounds` rounds for the particles at x + ahead v; all members of the
+    team finish a round before the next begins.
 
     Broad phase: `near`, a neighbour list (see neighbour_list.py), is valid until particles have moved too far. `fresh`
     says that it is valid as far as known, `forget()` invalidates it, `refresh(system, t, dt)` rebuilds it; the ti.func
@@ -148,7 +148,7 @@ class MutualForce(ParticleForce):
     nearest: float
     fresh: Any
     brake: Any = None
-    look: Any
+    find_contacts: Any
     refresh: Any
     forget: Any
     watch: Any

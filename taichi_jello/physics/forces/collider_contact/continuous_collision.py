@@ -30,7 +30,7 @@ class Sweep:
     def __init__(self, contact: Any, particles: Particles, guarded: np.ndarray):
         memory, body = particles.memory, particles.body
         self.contact, self.particles, self.whole = contact, particles, False
-        self.groups = tuple(group for group in contact.groups if group.solid)
+        self.groups = tuple(group for group in contact.groups if group.core_entry)
         self.depth = 0.25 * min(collider.thickness for collider in contact.colliders)  # of the thinnest one's core
         self.picky, self.several = not bool(guarded.all()), bool(body.jello.any())
         if self.picky:
@@ -45,7 +45,7 @@ class Sweep:
         self.back = memory.table("sweep", "back", np.zeros((2 * self.jellos, 3)))
         self._fast = 0
 
-    def look_out(self, v: np.ndarray, dt: float) -> None:
+    def check_speed(self, v: np.ndarray, dt: float) -> None:
         """Before steps of dt [s] from velocities v (N, 3) [m/s]: find whether any particle may pass a core in one."""
         speed = float(np.einsum("ij,ij->i", v, v).max()) ** 0.5 + self.contact.surface_speed
         fast = int(self.whole or not speed * dt <= SAFE_WAY * self.depth)
