@@ -115,9 +115,8 @@ class Stepper:
     @ti.func
     def _find_contacts(self, first, last, dt):
         if ti.static(not self.integrator.solves):
-            self.system.find_contacts(
-                first, last, self.system.state.x, self.system.state.v, self.integrator.looks_at * dt
-            )
+            x, v = ti.static(self.system.state.x, self.system.state.v)
+            self.system.find_contacts(first, last, x, v, self.integrator.looks_at * dt)
 
     @ti.func
     def _watch(self, first, last, t, dt):

@@ -136,8 +136,8 @@ class System(Team):
 
     @ti.func
     def accelerations(self, first, last, x, v, t, a, finds_contacts: ti.template() = False):
-        """a = f(x, v, t)/m for the particles first … last - 1, f the sum of the forces the scene has. `finds_contacts`: find
-        contacts at x anew, as for a long implicit step.
+        """a = f(x, v, t)/m for the particles first … last - 1, f the sum of the forces the scene has, with contacts
+        found anew at x if `finds_contacts`, as for a long implicit step.
 
         (Everywhere in the step `f[i] = f[i] + …`, since Taichi makes `f[i] += …` an atomic addition in a parallel
         loop: measured, it halves the speed.)"""

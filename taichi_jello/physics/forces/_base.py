@@ -130,8 +130,8 @@ class MutualForce(ParticleForce):
     """Contact between jellos: forces that are equal and opposite, and the neighbour list they come from.
 
     Narrow phase: contacts are found once a step, in an implicit step at each evaluation. `find_contacts(r, system,
-    first, last, x, v, ahead)`, a ti.func, is one of `rounds` rounds for the particles at x + ahead v; all members of the
-    team finish a round before the next begins.
+    first, last, x, v, ahead)`, a ti.func, is one of `rounds` rounds for the particles at x + ahead v; all members of
+    the team finish a round before the next begins.
 
     Broad phase: `near`, a neighbour list (see neighbour_list.py), is valid until particles have moved too far. `fresh`
     says that it is valid as far as known, `forget()` invalidates it, `refresh(system, t, dt)` rebuilds it; the ti.func
