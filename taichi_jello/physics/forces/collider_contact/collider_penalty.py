@@ -48,6 +48,10 @@ class Group:
     start: int
     stop: int
 
+    @property
+    def solid(self) -> bool:
+        return self.core_entry is not None
+
 
 @ti.data_oriented
 class PenaltyContact(ParticleForce):
@@ -81,7 +85,7 @@ class PenaltyContact(ParticleForce):
         self.moving = keyed or bool(now[:, 3:6].any()) or not np.array_equal(now, self._rows(1.0, 2.0))
         self.masked = False
         self.surface_speed = 0.0
-        if any(group.core_entry for group in groups):
+        if any(group.solid for group in groups):
             self.deep = particles.memory.table(self.title, "deep", np.zeros(1, np.int32))
             self.sweep = Sweep(self, particles, self._swept(particles.body))
 
@@ -158,7 +162,7 @@ class PenaltyContact(ParticleForce):
                         total += pressed * n
                         if ti.static(self.rubs):
                             total += rub(pressed, slide, law[2], share * law[3])
-                        if ti.static(group.core_entry is not None):
+                        if ti.static(group.solid):
                             if -touch[3] > 0.5 * self.sweep.depth:
                                 self.deep[0] = 1
                     elif ti.static(what == "block"):

@@ -30,7 +30,7 @@ class Sweep:
     def __init__(self, contact: Any, particles: Particles, guarded: np.ndarray):
         memory, body = particles.memory, particles.body
         self.contact, self.particles, self.whole = contact, particles, False
-        self.groups = tuple(group for group in contact.groups if group.core_entry)
+        self.groups = tuple(group for group in contact.groups if group.solid)
         self.depth = 0.25 * min(collider.thickness for collider in contact.colliders)  # of the thinnest one's core
         self.picky, self.several = not bool(guarded.all()), bool(body.jello.any())
         if self.picky:
