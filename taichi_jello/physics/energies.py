@@ -1,4 +1,4 @@
-"""What forces tell of a state outside the step: what its particles touch, and its energies."""
+"""The energies of a state, found outside the step."""
 
 from typing import Any
 
@@ -10,20 +10,16 @@ ENERGIES = ("kinetic", "elastic", "gravity", "contact")
 
 @ti.data_oriented
 class Probe:
-    """Asks the forces of a System about the state that it is in."""
+    """Asks the forces of a System about its current state."""
 
     def __init__(self, system: Any):
         self.system, self.count = system, system.count
-        self.booked = [tuple(f for f in system.all_forces if f.energy_kind == kind) for kind in ENERGIES]
-
-    def find_touched(self) -> None:
-        """Have the forces find what the particles touch where they are."""
-        for r in range(self.system.rounds):
-            self._look(r)
+        self.storing = [tuple(f for f in system.all_forces if f.energy_kind == kind) for kind in ENERGIES]
 
     def make_ready(self, t: float) -> None:
-        """Have the forces find what they are to be asked for one by one, `t` seconds after the current frame began."""
-        self.find_touched()
+        """Have the forces find contacts, and all else that they prepare, `t` seconds after the current frame began."""
+        for r in range(self.system.rounds):
+            self._look(r)
         if self.system.prepared:
             self._prepare(t)
 
@@ -36,10 +32,10 @@ class Probe:
 
     @ti.kernel
     def _look(self, r: ti.template()):
-        """One round of System.look without a team, whose other members would be waited for."""
+        """One round of System.find_contacts without a team, whose other members it would wait for."""
         for force in ti.static(self.system.mutual):
             if ti.static(r < force.rounds):
-                force.look(r, self.system, 0, self.count, self.system.state.x, self.system.state.v, 0.0)
+                force.find_contacts(r, self.system, 0, self.count, self.system.state.x, self.system.state.v, 0.0)
 
     @ti.kernel
     def _prepare(self, t: float):
@@ -52,5 +48,5 @@ class Probe:
             v = self.system.state.v[i]
             out[i, 0] = 0.5 * self.system.particles.mass(i) * v.dot(v)
             for slot in ti.static(range(1, len(ENERGIES))):
-                for force in ti.static(self.booked[slot]):
+                for force in ti.static(self.storing[slot]):
                     out[i, slot] += force.energy(i, self.system.state.x, t)

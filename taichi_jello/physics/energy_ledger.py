@@ -1,8 +1,8 @@
-"""The energy ledger: the work [J] of everything that stores no energy, so that what is left over is the method's error.
+"""The energy ledger: the work [J] of all that stores no energy. What remains is the error of the method.
 
-d/dt (kinetic + stored energy) = Σ P, the powers of dashpots, friction, drag, the hand, moving colliders and fields. The
-integral of P over the substeps of one call is Gregory's rule, the trapezoid rule with end corrections, whose error
-falls with dt⁴: the state at the end of every substep is all it needs, so that it is the same for every scheme.
+d/dt (kinetic + stored energy) = Σ P, the powers of dashpots, friction, drag, the hand, moving colliders and fields.
+Gregory's rule, the trapezoid rule with end corrections and an error ∝ dt⁴, integrates P over the substeps of one call
+from the states at their ends, so it is the same for every scheme.
 """
 
 import numpy as np
@@ -26,27 +26,31 @@ def quadrature(k, n):
 
 @ti.data_oriented
 class Ledger:
-    """One account for each of `names`. The fields hold the work of one call of System.steps for each particle; `take`
-    sums it up in float64, so that long runs do not drift in f32 either.
+    """One account for each of `names`; fields with the work on each particle in one call of System.steps, which `take`
+    sums up in float64, so that long runs do not drift in f32.
 
-    A force has the accounts `works` and their `powers`; one that has none, stores no energy and is asked one by one
-    has the account of its title and the power F · v. Where there are handles they have one too: a held particle that
-    moves at v does so against all forces on it, with the power -F · v (what other jellos press on it is left out).
-    Where jellos touch, what pushes a point to another than its nearest way out has no potential: that stays in the
-    residual.
+    A force has the accounts `works` and their `powers`; without them, if it stores no energy, one account and the
+    power F · v. A held particle that moves at v does so against all forces, with the power -F · v (without contact
+    with other jellos). Contact between jellos along another direction than its depth has no potential: it stays in
+    the residual.
     """
 
     def __init__(self, forces: tuple[ParticleForce, ...], memory: Memory, handles: bool = False):
-        self.own = tuple(force for force in forces if force.works)
+        self.names: list[str] = []
+        self.columns_of: tuple[tuple[ParticleForce, int], ...] = ()  # each force's first column
+        for force in forces:
+            if force.works:
+                self.columns_of += ((force, len(self.names)),)
+                self.names += force.works
         self.plain = tuple(f for f in forces if not f.works and f.energy_kind is None and not f.in_passes)
-        self.names = [name for force in self.own for name in force.works] + [force.title for force in self.plain]
+        self.plain_start = len(self.names)
+        self.names += [force.title for force in self.plain]
         self.handles, self.alone = handles, tuple(force for force in forces if not force.prepares)
-        self.impacts = len(self.names)  # the column of what is lost in the cores of solids
+        self.impacts = len(self.names)  # the column of impacts with the cores of solids
         brakes = any(force.brake for force in forces if isinstance(force, MutualForce))
         self.names += ["impacts"] * (brakes or any(force.sweep for force in forces)) + ["handles"] * handles
-        self.starts = tuple(int(n) for n in np.cumsum([0] + [len(force.works) for force in self.own]))
         self.memory, self.count, self.columns = memory, memory.particles, len(self.names)
-        self.kept: dict[str, float] = {}  # of the call that runs
+        self.kept: dict[str, float] = {}  # of the current call
         if self.names:
             self.work = memory.table("ledger", "work", np.zeros((self.count, self.columns)))
 
@@ -57,33 +61,33 @@ class Ledger:
         t, weight = (start + k) * dt, quadrature(k, n) * dt
         x, v = ti.static(system.state.x, system.state.v)
         for i in range(first, last):
-            for f in ti.static(range(len(self.own))):
-                powers = self.own[f].powers(i, x, v, t)
-                for c in ti.static(range(len(self.own[f].works))):
-                    column = ti.static(self.starts[f] + c)
-                    self.work[i][column] = self.work[i][column] + weight * powers[c]
-                if ti.static(self.own[f].burdens and system.integrator.adds_mass):  # that of the hand itself
-                    own, column = 0.5 * self.own[f].added_mass(i) * v[i].dot(v[i]), ti.static(self.starts[f])
-                    self.work[i][column] = self.work[i][column] + ti.select(k == 0, own, ti.select(k == n, -own, 0.0))
+            for force, column in ti.static(self.columns_of):
+                powers = force.powers(i, x, v, t)
+                for c in ti.static(range(len(force.works))):
+                    self.add(i, column + c, weight * powers[c])
+                if ti.static(force.adds_mass and system.integrator.adds_mass):  # that of the hand itself
+                    kinetic = 0.5 * force.added_mass(i) * v[i].dot(v[i])
+                    self.add(i, column, ti.select(k == 0, kinetic, ti.select(k == n, -kinetic, 0.0)))
             for f in ti.static(range(len(self.plain))):
-                column = ti.static(self.starts[-1] + f)
-                force = self.plain[f].on(i, x, v, t)
-                self.work[i][column] = self.work[i][column] + weight * force.dot(v[i])
-            if ti.static(self.handles):  # noqa: SIM102
+                self.add(i, self.plain_start + f, weight * self.plain[f].on(i, x, v, t).dot(v[i]))
+            if ti.static(self.handles):
                 if system.particles.inverse_mass(i) == 0.0 and v[i].dot(v[i]) > 0.0:
                     against = ti.Vector([0.0, 0.0, 0.0])
                     for force in ti.static(self.alone):
                         against += force.on(i, x, v, t)
-                        if ti.static(force.burdens):
+                        if ti.static(force.adds_mass):
                             against += force.on_held(i, x, v, t)
-                    column = ti.static(self.columns - 1)
-                    self.work[i][column] = self.work[i][column] - weight * against.dot(v[i])
+                    self.add(i, self.columns - 1, -weight * against.dot(v[i]))
         system.wait_for_team()  # until nobody needs x and v any more
 
     @ti.func
+    def add(self, i, column: ti.template(), work):
+        self.work[i][column] = self.work[i][column] + work
+
+    @ti.func
     def book_impact(self, i, mass, v, push):
-        """Add the work on particle i, which moved at v, of an impact that changed that by `push` at once."""
-        self.work[i][self.impacts] = self.work[i][self.impacts] + mass * push.dot(v + 0.5 * push)
+        """Add the work on particle i of an impact that changed its velocity v by `push` at once."""
+        self.add(i, self.impacts, mass * push.dot(v + 0.5 * push))
 
     @ti.kernel
     def _take(self, out: ti.types.ndarray()):
@@ -93,32 +97,28 @@ class Ledger:
                 self.work[i][c] = 0.0
 
     def keep(self) -> None:
-        """Add what is in the fields to what is kept."""
-        for name, work in zip(self.names, self._sums(), strict=True):
+        """Move the work in the fields to `kept`."""
+        for name, work in zip(self.names, self.drop(), strict=True):
             self.kept[name] = self.kept.get(name, 0.0) + work
 
-    def drop(self) -> None:
-        """Forget what is in the fields: the work of steps that are taken back."""
-        self._sums()
-
-    def take(self) -> dict[str, float]:
-        """The work [J] since the last time, by account."""
-        self.keep()
-        kept, self.kept = self.kept, {}
-        return kept
-
-    def _sums(self) -> list[float]:
-        """The columns of the fields, which begin anew."""
+    def drop(self) -> list[float]:
+        """Clear the fields, as for steps that are taken back. Returns the sums of their columns."""
         if not self.names:
             return []
         out = np.empty((self.count, self.columns), self.memory.number)
         self._take(out)
         return out.sum(0, dtype=np.float64).tolist()
 
+    def take(self) -> dict[str, float]:
+        """The work [J] since the last call, by account."""
+        self.keep()
+        kept, self.kept = self.kept, {}
+        return kept
+
 
 class Books:
-    """The accounts of a run [J]: `works`, put into the system since they were opened; `opening`, the energy there was
-    then, less the work of changes (see changes_over_time.py)."""
+    """The accounts of a run [J]: `works`, put into the system since they were opened; `opening`, the energy then, less
+    the work of changes (see changes_over_time.py)."""
 
     def __init__(self, opening: float, names: list[str]):
         self.opening, self.works = opening, dict.fromkeys(names, 0.0)

@@ -1,4 +1,4 @@
-"""The last state that was good: what is looked at between frames, and what a run goes back to."""
+"""The last state with finite, bounded numbers, which a run returns to."""
 
 import numpy as np
 import taichi as ti
@@ -9,7 +9,7 @@ from taichi_jello.scene.validation import FASTEST
 
 @ti.data_oriented
 class LastGood:
-    """x [m] and v [m/s], (N, 3) each, of the last state that was set, or kept as all was finite and slower than
+    """x [m] and v [m/s], (N, 3) each, of the last state that was set, or kept since it was finite and slower than
     FASTEST."""
 
     def __init__(self, memory: Memory, state: State, team: int, x: np.ndarray, v: np.ndarray):
@@ -25,21 +25,20 @@ class LastGood:
         return self._values[:, 3:]
 
     def set(self, x: np.ndarray, v: np.ndarray) -> None:
-        """Put both into the fields, and take them for good."""
+        """Write both to the fields and keep them."""
         self._values = np.hstack([x, v]).astype(self.number)
         self.write(self._values)
 
     def keep(self) -> int | None:
-        """Take what is in the fields for good; or, if it is not, put the last good state there again and return the
-        first particle with such a number."""
+        """Keep what is in the fields; or restore them, if it is bad, and return the first particle with such a
+        number."""
         values = np.empty_like(self._values)
         self.read(values)
         with np.errstate(invalid="ignore"):
-            total = values.sum(dtype=np.float64)  # one sum is cheaper than a look at each
+            total = values.sum(dtype=np.float64)  # cheaper than np.isfinite
         speeds = values[:, 3:]
         if not (np.isfinite(total) and speeds.min() > -FASTEST and speeds.max() < FASTEST):
-            good = np.isfinite(values).all(1) & (np.abs(speeds) < FASTEST).all(1)
-            bad = np.flatnonzero(~good)
+            bad = np.flatnonzero(~(np.isfinite(values).all(1) & (np.abs(speeds) < FASTEST).all(1)))
             if len(bad):
                 self.write(self._values)
                 return int(bad[0])
@@ -48,7 +47,7 @@ class LastGood:
 
     @ti.kernel
     def write(self, values: ti.types.ndarray()):
-        """Put x and v, (N, 6), into the fields."""
+        """Copy x and v, (N, 6), to the fields."""
         if ti.static(self.team == 1):
             ti.loop_config(serialize=True)
         for i in range(self.count):
@@ -58,7 +57,7 @@ class LastGood:
 
     @ti.kernel
     def read(self, values: ti.types.ndarray()):
-        """Take x and v, (N, 6), out of the fields, good or not."""
+        """Copy x and v, (N, 6), from the fields."""
         if ti.static(self.team == 1):
             ti.loop_config(serialize=True)
         for i in range(self.count):

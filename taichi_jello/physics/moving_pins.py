@@ -11,7 +11,7 @@ from taichi_jello.scene.region import places
 
 
 class Handles:
-    """The particles `held` (n,) by pins with keyframes. A later pin that holds a point too goes over an earlier one."""
+    """The particles `held` (n,) by pins with keyframes. If two pins hold a particle the later one moves it."""
 
     def __init__(self, scene: Scene, body: Body):
         self.path: list[tuple[np.ndarray, Sequence[Move]]] = []
@@ -24,12 +24,12 @@ class Handles:
         self.x, self.mass = body.x, body.mass[self.held]
 
     def kinetic(self, v: np.ndarray) -> float:
-        """½ Σ m v² [J] of the held particles while all move at v (N, 3) [m/s]."""
+        """½ Σ m v² [J] of the held particles, with all particles at v (N, 3) [m/s]."""
         return 0.5 * float(self.mass @ (v[self.held].astype(float) ** 2).sum(1))
 
     def motion(self, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 3) each: where the held particles are at `start` [m] and the velocity that takes them in a straight line
-        to where they are at `end` [m/s]. The body begins where its handles are at time 0."""
+        """(n, 3) each: the held particles' positions at `start` [m] and their mean velocities until `end` [m/s]. The
+        body is given where its handles are at time 0."""
         here, there = np.zeros_like(self.x), np.zeros_like(self.x)
         for held, rows in self.path:
             here[held], there[held] = (offset(rows, time) - offset(rows, 0.0) for time in (start, end))

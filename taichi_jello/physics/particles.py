@@ -10,7 +10,7 @@ from taichi_jello.scene.body import Body
 @ti.data_oriented
 class Particles:
     """count N; `mass(i)` [kg] and `inverse_mass(i)` [1/kg], zero for a pinned particle. Equal masses and no pins
-    need no field: the number is compiled in. origin (3,) [m]: what positions in fields are relative to."""
+    need no field: the number is compiled in. origin (3,) [m] of the positions in fields."""
 
     def __init__(self, body: Body, memory: Memory, origin: np.ndarray):
         self.body, self.memory, self.count, self.origin = body, memory, len(body), origin
@@ -24,7 +24,7 @@ class Particles:
             self.free = memory.table("pins", "free", np.pad(1 - body.pinned.astype(np.int32), (0, spare)))
 
     def traits(self) -> list[str]:
-        """What of itself is compiled in."""
+        """What is compiled in."""
         return ["unequal masses"] * (not self.uniform) + ["pins"] * self.pinned
 
     def absent_traits(self) -> list[str]:

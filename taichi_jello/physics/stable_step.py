@@ -5,28 +5,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from taichi_jello.physics.forces._base import AddedMass, Rates
+
 Amplification = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def largest_eigenvalue(springs: np.ndarray, weight: np.ndarray, inverse_mass: np.ndarray) -> float:
     """An upper bound, tight to about 1 %, of the largest eigenvalue of M^-½ L M^-½, where L is the graph Laplacian
-    of the (S, 2) springs with the given weights [N/m or N·s/m]. Lanczos iteration, capped by Gershgorin's bound,
-    which no eigenvalue exceeds."""
+    of the (S, 2) springs with the given weights [N/m or N·s/m]. Lanczos iteration, capped by Gershgorin's bound."""
     n = len(inverse_mass)
     if len(springs) == 0:
         return 0.0
     i, j = springs.T
     scale = np.sqrt(inverse_mass)
     degree = np.bincount(i, weight, n) + np.bincount(j, weight, n)
-    around = np.bincount(i, weight * scale[j], n) + np.bincount(j, weight * scale[i], n)
-    cap = float(np.max(scale * (degree * scale + around)))
+
+    def neighbours(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.bincount(i, weight * u[j], n), np.bincount(j, weight * u[i], n)
 
     def apply(u: np.ndarray) -> np.ndarray:
         u = scale * u
-        out = degree * u - np.bincount(i, weight * u[j], n) - np.bincount(j, weight * u[i], n)
-        return scale * out
+        ahead, behind = neighbours(u)
+        return scale * (degree * u - ahead - behind)
 
-    return min(cap, 1.005 * _lanczos(apply, n))
+    gershgorin = float(np.max(scale * (degree * scale + sum(neighbours(scale)))))
+    return min(gershgorin, 1.005 * _lanczos(apply, n))
 
 
 def _lanczos(apply: Callable[[np.ndarray], np.ndarray], n: int, steps: int = 80, tolerance: float = 1e-4) -> float:
@@ -42,10 +45,11 @@ def _lanczos(apply: Callable[[np.ndarray], np.ndarray], n: int, steps: int = 80,
         alphas.append(float(q @ r))
         r -= alphas[-1] * q
         beta = float(np.linalg.norm(r))
-        if step % 5 == 4 or step == min(steps, n) - 1 or beta <= 1e-12 * abs(alphas[0]):
+        exhausted = beta <= 1e-12 * abs(alphas[0])
+        if step % 5 == 4 or step == min(steps, n) - 1 or exhausted:
             previous = largest
             largest = float(np.linalg.eigvalsh(np.diag(alphas) + np.diag(betas, 1) + np.diag(betas, -1))[-1])
-            if largest - previous < tolerance * largest or beta <= 1e-12 * abs(alphas[0]):
+            if largest - previous < tolerance * largest or exhausted:
                 break
         before, q = q, r / beta
         betas.append(beta)
@@ -74,8 +78,7 @@ def stable_limit(amplification: Amplification, zeta: np.ndarray) -> np.ndarray:
     # Scan from small to large, in steps relative to the scale 1/(1 + 2ζ) on which every limit lies, then bisect.
     ladder = np.linspace(0.02, 9.0, 450) / (1.0 + 2.0 * zeta[:, None])
     bad = unstable(ladder)
-    first = np.where(bad.any(1), bad.argmax(1), -1)
-    rows = np.arange(len(zeta))
+    first, rows = np.where(bad.any(1), bad.argmax(1), -1), np.arange(len(zeta))
     high = ladder[rows, first]
     low = np.where(first == 0, 0.0, ladder[rows, first - 1])
     for _ in range(30):
@@ -89,8 +92,8 @@ def stable_limit(amplification: Amplification, zeta: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True)
 class Bound:
     """The step a scene allows: stiffness Λ [1/s²], damping Γ [1/s] and the safety factor; dt [s] is infinite for a
-    scene in which nothing swings, zero if no step is stable. damping_time [s]: what swings is damped by at least that
-    times its ω². wild_dt [s]: the automatic step while a jello is wild (see heat.py)."""
+    scene in which nothing oscillates, zero if no step is stable. damping_time [s]: every motion of frequency ω is
+    damped by at least damping_time·ω². wild_dt [s]: the automatic step while a jello is wild (see heat.py)."""
 
     squared_frequency: float
     damping: float
@@ -100,32 +103,30 @@ class Bound:
     wild_dt: float = np.inf
 
 
-def loaded(rate: float, burdens: list) -> float:
-    """What a bound K ≤ rate·M₀ becomes with burdens, each a k on particles of mass m to which it adds a mass M:
-    (K + k)/(M₀ + M) is at most the larger of K/M₀ and k/M, and also at most K/M₀ + k/(m + M)."""
-    for k, b in burdens:
-        apart = k / b.mass if b.mass > 0.0 else np.inf
-        rate = min(rate + k / (b.least + b.mass), max(rate, apart))
+def with_added_mass(rate: float, added: list[tuple[float, AddedMass]]) -> float:
+    """A bound K ≤ rate·M₀ after adding springs k on particles of mass m with a mass M of their own: (K + k)/(M₀ + M) is
+    at most the larger of K/M₀ and k/M, and also at most K/M₀ + k/(m + M)."""
+    for k, own in added:
+        apart = k / own.mass if own.mass > 0.0 else np.inf
+        rate = min(rate + k / (own.least + own.mass), max(rate, apart))
     return rate
 
 
-def largest_dt(amplification: Amplification, safety: float, rates: list, drag: float) -> Bound:
+def largest_dt(amplification: Amplification, safety: float, rates: list[Rates], drag: float) -> Bound:
     """The step below which every motion that the rates allow stays bounded: all frequencies ω up to √Λ, each with
     any damping from damping_time·ω² + drag up to Γ."""
-    burdens = [r.burden for r in rates if r.burden]
-    squared = loaded(sum(r.squared_frequency for r in rates), [(b.k, b) for b in burdens])
-    damping = loaded(sum(r.damping for r in rates), [(b.c, b) for b in burdens])
+    added = [r.added_mass for r in rates if r.added_mass]
+    squared = with_added_mass(sum(r.squared_frequency for r in rates), [(own.stiffness, own) for own in added])
+    damping = with_added_mass(sum(r.damping for r in rates), [(own.damping, own) for own in added])
     damping_time = min((r.damping_time for r in rates), default=np.inf)
     dt = np.inf
-    if squared == 0.0 and damping > 0.0:
-        dt = _scaled_limit(amplification, np.array([1e-3 * damping]), np.array([damping]))
-    elif squared > 0.0:
+    if squared > 0.0:
         omega = np.sqrt(squared) * np.logspace(-3.0, 0.0, 13)[:, None]
         least = np.minimum(damping_time * omega**2 + drag, max(damping, 0.0))
         gamma = least + (damping - least) * np.linspace(0.0, 1.0, 9) ** 2
-        dt = _scaled_limit(amplification, np.broadcast_to(omega, gamma.shape).ravel(), gamma.ravel())
+    elif damping > 0.0:
+        omega, gamma = np.array([1e-3 * damping]), np.array([damping])
+    if squared > 0.0 or damping > 0.0:
+        omega, gamma = np.broadcast_to(omega, gamma.shape).ravel(), gamma.ravel()
+        dt = float(np.min(stable_limit(amplification, gamma / (2.0 * omega)) / omega))
     return Bound(squared, damping, safety, safety * dt, damping_time)
-
-
-def _scaled_limit(amplification: Amplification, omega: np.ndarray, gamma: np.ndarray) -> float:
-    return float(np.min(stable_limit(amplification, gamma / (2.0 * omega)) / omega))

@@ -10,8 +10,7 @@ import taichi as ti
 from taichi_jello.support import runtime
 
 LANES = 32  # particles in one block; a block's mask in the gather table is one 32-bit word
-# Below this many particles one thread that never waits is as quick as several that wait for each other at every stage.
-ALONE = 3000
+SERIAL_BELOW = 3000  # particles; then one thread is as quick as several, which wait for each other at every stage
 
 
 @ti.data_oriented
@@ -36,8 +35,8 @@ class Memory:
 
     @property
     def lanes(self) -> int:
-        """Particles that one pass of a kernel's loop over blocks takes: a whole block on a CPU, where the inner loop
-        over them becomes vector code; one on a GPU, where the threads of a warp are the block."""
+        """Particles in one pass of a kernel's loop over blocks: a whole block on a CPU, where the inner loop over them
+        becomes vector code; one on a GPU, where the threads of a warp are the block."""
         return LANES if self.owner.on_cpu else 1
 
     @property
@@ -60,7 +59,7 @@ class Memory:
         each, indexed [row, particle]."""
         places = self.padded + 2 * self.guard
         shape, offset = ((rows, places), (0, -self.guard)) if rows else ((places,), (-self.guard,))
-        self.fields.append((owner, name, 3 * max(rows, 1) * places * np.dtype(self.number).itemsize))
+        self._note(owner, name, 3 * prod(shape), self.number)
         made = ti.Vector.field(3, float, shape=shape, offset=offset, layout=ti.Layout.SOA)
         if values is not None:
             self.tables.append((made, values.astype(self.number)))
@@ -68,29 +67,32 @@ class Memory:
 
     def zeros(self, owner: str, name: str, shape: tuple[int, ...], *, whole: bool = False) -> ti.Field:
         """A field of zeros: (n,) numbers or (n, k) vectors; whole ones, or floats in this precision."""
-        self.fields.append((owner, name, prod(shape) * (np.int32 if whole else self.number)().itemsize))
+        self._note(owner, name, prod(shape), np.int32 if whole else self.number)
         kind = int if whole else float
         return ti.Vector.field(shape[1], kind, shape[0]) if len(shape) == 2 else ti.field(kind, shape[0])
 
     def table(self, owner: str, name: str, values: np.ndarray) -> ti.Field:
         """A field for the values of a NumPy array: (n,) numbers or (n, k) vectors, floats in this precision."""
-        number = np.int32 if values.dtype.kind in "iu" else self.number
-        values = values.astype(number)
-        made = self.zeros(owner, name, values.shape, whole=number is np.int32)
-        self.tables.append((made, values))
+        whole = values.dtype.kind in "iu"
+        made = self.zeros(owner, name, values.shape, whole=whole)
+        self.tables.append((made, values.astype(np.int32 if whole else self.number)))
         return made
 
     def numbers(self, owner: str, name: str, shape: tuple[int, ...]) -> ti.Field:
         """A field of numbers, zero everywhere."""
-        self.fields.append((owner, name, int(np.prod(shape)) * np.dtype(self.number).itemsize))
+        self._note(owner, name, prod(shape), self.number)
         return ti.field(float, shape)
 
+    def _note(self, owner: str, name: str, count: int, number: type[np.generic]) -> None:
+        self.fields.append((owner, name, int(count) * np.dtype(number).itemsize))
+
     def fill(self) -> None:
-        """Write all values that fields were asked for with."""
+        """Write the first values of all fields."""
         self.targets = tuple(made for made, _ in self.tables)
         self.shapes = tuple(values.reshape(len(values), -1).shape for _, values in self.tables)
         self.whole = tuple(values.dtype == np.int32 for _, values in self.tables)
-        packed, starts = {True: [np.zeros(1, np.int32)], False: [np.zeros(1, self.number)]}, []
+        packed: dict[bool, list[np.ndarray]] = {True: [np.zeros(1, np.int32)], False: [np.zeros(1, self.number)]}
+        starts = []
         for (_, values), whole in zip(self.tables, self.whole, strict=True):
             starts.append(sum(map(len, packed[whole])))
             packed[whole].append(values.ravel())
@@ -104,17 +106,13 @@ class Memory:
         for i in range(longest):
             for k in ti.static(range(len(self.targets))):
                 if i < self.shapes[k][0]:
-                    width = ti.static(self.shapes[k][1])
+                    values, width = ti.static(ints if self.whole[k] else floats, self.shapes[k][1])
                     for column in ti.static(range(width)):
-                        place = self.starts[k] + i * width + column
-                        if ti.static(width == 1 and self.whole[k]):
-                            self.targets[k][i] = ints[place]
-                        elif ti.static(width == 1):
-                            self.targets[k][i] = floats[place]
-                        elif ti.static(self.whole[k]):
-                            self.targets[k][i][column] = ints[place]
+                        value = values[self.starts[k] + i * width + column]
+                        if ti.static(width == 1):
+                            self.targets[k][i] = value
                         else:
-                            self.targets[k][i][column] = floats[place]
+                            self.targets[k][i][column] = value
 
 
 @ti.data_oriented

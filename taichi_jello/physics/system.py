@@ -10,7 +10,7 @@ import taichi as ti
 from taichi_jello.physics import forces as force_folder
 from taichi_jello.physics.energies import Probe
 from taichi_jello.physics.energy_ledger import Ledger
-from taichi_jello.physics.forces._base import MutualForce, ParticleForce, cut
+from taichi_jello.physics.forces._base import MutualForce, ParticleForce
 from taichi_jello.physics.forces.field import CallableField, GridField
 from taichi_jello.physics.forces.springs.changes_over_time import Changes
 from taichi_jello.physics.forces.springs.hooke import Springs
@@ -22,31 +22,29 @@ from taichi_jello.physics.last_good import LastGood
 from taichi_jello.physics.moving_pins import Handles
 from taichi_jello.physics.particles import Particles
 from taichi_jello.physics.stable_step import Bound
-from taichi_jello.physics.state import ALONE, Memory, State
-from taichi_jello.physics.team_size import TeamSize
+from taichi_jello.physics.state import Memory, State
+from taichi_jello.physics.team import Team
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
 from taichi_jello.support import runtime
 from taichi_jello.support.plugins import classes
 
-FAR = 256.0  # m; there f32 has steps of 0.03 mm
-APART = 32  # whole numbers: so far from what all write to, on no processor's line of it
+MOVES_ORIGIN = 256.0  # m from the world's origin, where f32 has steps of 0.03 mm
 
 
 def force_kinds() -> list[type[ParticleForce]]:
-    """Every kind of force there is, by looking in its folder."""
+    """Every kind of force, found in its folder."""
     return classes(force_folder, ParticleForce)
 
 
 @ti.data_oriented
-class System:
-    """All particles of `body` under the forces that `scene` needs, stepped by one scheme,
-    which `method` names, is or chooses (see run/auto_method.py).
+class System(Team):
+    """All particles of `body` under the forces that `scene` needs, stepped by one scheme: `method` is its name, its
+    class or chooses it (see run/auto_method.py).
 
-    team: how many threads share the loop over a frame's substeps, each with its own particles, waiting for each other
-    between the stages: the form for a CPU. It is the most; where something else is running fewer may be faster, see
-    `size`. 0: parallel tasks for every stage, the form for a GPU. All give the same bits; by default chosen by arch,
-    threads and size.
+    team: how many threads at most share the loop over a frame's substeps, each with its own particles, waiting for each
+    other between the stages: the form for a CPU. 0: parallel tasks for every stage, the form for a GPU. All give the
+    same bits; by default chosen by arch, threads and size.
     """
 
     def __init__(
@@ -58,11 +56,7 @@ class System:
         team: int | None = None,
         ledger: bool = False,
     ):
-        owner = runtime.current()
-        self.team = self._choose_team(owner, len(body)) if team is None else team
-        self.memory = Memory(len(body), reach(body), owner)
-        self.count, self.lanes, self.passes = len(body), self.memory.lanes, self.memory.passes
-        self.owner = owner
+        super().__init__(Memory(len(body), reach(body), runtime.current()), team)
         self.origin = self._choose_origin(scene, body)
         if self.origin.any():
             body = replace(body, x=body.x - self.origin)
@@ -70,24 +64,7 @@ class System:
         self.state = State.made_in(self.memory, "state", body.x, v)
         self.good = LastGood(self.memory, self.state, self.team, body.x, v)
         self.particles = Particles(body, self.memory, self.origin)
-        made = {kind: kind.made_for(scene, self.particles) for kind in force_kinds()}
-        self.absent = [kind.title for kind, found in made.items() if not found]
-        self.all_forces = tuple(force for found in made.values() for force in found)
-        passes = [force for force in self.all_forces if force.in_passes]
-        self.in_passes = tuple(sorted(passes, key=lambda force: not isinstance(force, Springs)))
-        self.springs_first = any(isinstance(force, Springs) for force in passes)
-        self.one_by_one = tuple(force for force in self.all_forces if not force.in_passes)
-        self.prepared = tuple(force for force in self.all_forces if force.prepares)
-        self.mutual = tuple(force for force in self.all_forces if isinstance(force, MutualForce))
-        self.rounds = max((force.rounds for force in self.mutual), default=0)
-        outer = [f for f in self.all_forces if f.has_curvature and not f.couples and f not in self.mutual]
-        self.closed = bool(self.mutual) and not outer and not body.pinned.any()  # jellos can touch only each other
-        self.burdens = tuple(force for force in self.all_forces if force.burdens)
-        self.parts = 1  # that each step of the frame is taken in
-        self.sweeps = tuple(force.sweep for force in self.all_forces if force.sweep)
-        self.brakes = tuple(force.brake for force in self.mutual if force.brake)
-        springs = next((force for force in self.all_forces if isinstance(force, Springs)), None)
-        self.heat = Heat(self, springs, body) if springs else None
+        self._make_forces(scene, body)
         damped = any(force.reads_velocity for force in self.all_forces)
         if isinstance(method, str):
             method = scheme(method)
@@ -99,24 +76,40 @@ class System:
         self.handles = Handles(scene, body)
         self.ledger: Any = Ledger(self.all_forces, self.memory, len(self.handles.held) > 0) if ledger else None
         self.books = self.ledger is not None and self.ledger.columns > 0
-        self.size = TeamSize(self.team) if self.team > 1 else None
         self.probe, self.stepper = Probe(self), self.integrator.make_stepper(self)
-        if self.team > 1:
-            self.arrivals = ti.field(ti.i64, 1)  # how often threads came to wait_for_team in this launch
-            self.now = ti.field(ti.i32, 2 * APART)  # [APART]: how many share it
         self.memory.fill()
         self.changes = Changes(scene, body, list(self.all_forces))
+        self.parts = 1  # that each step of the current frame is taken in
         self.drag, self.mass = scene.drag, float(body.mass.sum())
         self.find_bound()
 
+    def _make_forces(self, scene: Scene, body: Body) -> None:
+        """The forces that the scene needs, sorted by what they can do (see ParticleForce)."""
+        made = {kind: kind.made_for(scene, self.particles) for kind in force_kinds()}
+        self.absent = [kind.title for kind, found in made.items() if not found]
+        self.all_forces = tuple(force for found in made.values() for force in found)
+        springs = next((force for force in self.all_forces if isinstance(force, Springs)), None)
+        self.heat = Heat(self, springs, body) if springs else None
+        self.springs_first = springs is not None
+        passes = [force for force in self.all_forces if force.in_passes]
+        self.in_passes = tuple(sorted(passes, key=lambda force: force is not springs))
+        self.one_by_one = tuple(force for force in self.all_forces if not force.in_passes)
+        self.prepared = tuple(force for force in self.all_forces if force.prepares)
+        self.adding_mass = tuple(force for force in self.all_forces if force.adds_mass)
+        self.sweeps = tuple(force.sweep for force in self.all_forces if force.sweep)
+        self.mutual = tuple(force for force in self.all_forces if isinstance(force, MutualForce))
+        self.brakes = tuple(force.brake for force in self.mutual if force.brake)
+        self.rounds = max((force.rounds for force in self.mutual), default=0)
+        outer = [f for f in self.all_forces if f.has_curvature and not f.couples and f not in self.mutual]
+        self.closed = bool(self.mutual) and not outer and not body.pinned.any()  # jellos can touch only each other
+
     @staticmethod
     def _choose_origin(scene: Scene, body: Body) -> np.ndarray:
-        """(3,) [m] What positions in fields are relative to, so that f32 is as fine far away as near the world's
-        origin: to the metre the middle of the body, if that is far away. Forces of places in the world, and gravity's
-        work as it changes, are for positions in the world."""
-        of_places = any(isinstance(force, (GridField, CallableField)) for force in scene.force)
+        """(3,) [m] of the positions in fields: the middle of a body far from the world's origin, in whole metres, for
+        f32. Force fields and changes of gravity need positions in the world."""
+        in_world = any(isinstance(force, (GridField, CallableField)) for force in scene.force)
         middle = np.round(body.x.mean(0))
-        return np.zeros(3) if of_places or scene.keyframe or np.abs(middle).max() < FAR else middle
+        return np.zeros(3) if in_world or scene.keyframe or np.abs(middle).max() < MOVES_ORIGIN else middle
 
     def find_bound(self) -> None:
         """Find the safe step of the forces as they are now."""
@@ -141,21 +134,15 @@ class System:
         self.integrator.tuned()
         self.find_bound()
 
-    @staticmethod
-    def _choose_team(owner: runtime.Runtime, particles: int) -> int:
-        if not owner.on_cpu:
-            return 0
-        return min(owner.threads, len(runtime.usable_cores())) if particles >= ALONE else 1
-
     @ti.func
-    def accelerations(self, first, last, x, v, t, a, looks: ti.template() = False):
-        """a = f(x, v, t)/m for the particles first … last - 1, f the sum of the forces the scene has. `looks`: forces
-        find what is touched at x, as for a long step, which may lead far from where it began.
+    def accelerations(self, first, last, x, v, t, a, finds_contacts: ti.template() = False):
+        """a = f(x, v, t)/m for the particles first … last - 1, f the sum of the forces the scene has, with contacts
+        found anew at x if `finds_contacts`, as for a long implicit step.
 
         (Everywhere in the step `f[i] = f[i] + …`, since Taichi makes `f[i] += …` an atomic addition in a parallel
         loop: measured, it halves the speed.)"""
-        if ti.static(looks):
-            self.look(first, last, x, v, 0.0)
+        if ti.static(finds_contacts):
+            self.find_contacts(first, last, x, v, 0.0)
         self.wait_for_team()  # until x and v of all particles are there
         if ti.static(len(self.prepared) > 0):
             for force in ti.static(self.prepared):
@@ -174,13 +161,13 @@ class System:
                 for force in ti.static(self.one_by_one):
                     total += force.on(i, x, v, t)
                 a[i] = total * self.particles.inverse_mass(i)
-        for force in ti.static(self.burdens):
-            force.load(first, last, x, v, t, a)
+        for force in ti.static(self.adding_mass):
+            force.accelerate(first, last, x, v, t, a)
         self.wait_for_team()  # until nobody needs x and v any more
 
     @ti.func
     def stop_at_solids(self, first, last, x0, x, v, t, dt, drifted: ti.template() = False):
-        """At the end of a step from x0 to x and v, or, drifted, to x by dt v: take back what went through a thin
+        """At the end of a step from x0 to x and v, or, drifted, to x by dt v: take back what passed through a thin
         solid. Returns whether anything did."""
         stopped = 0
         for sweep in ti.static(self.sweeps):
@@ -189,85 +176,48 @@ class System:
 
     @ti.func
     def brake(self, first, last):
-        """At the end of a step."""
+        """Slow down deep contacts at the end of a step."""
         for brake in ti.static(self.brakes):
             brake.brake(self, first, last, self.state.x, self.state.v)
 
     @ti.func
-    def look(self, first, last, x, v, ahead):
-        """Let forces find what the particles touch at x + ahead v; the shares of the particles first … last - 1."""
+    def find_contacts(self, first, last, x, v, ahead):
+        """Find contacts between jellos at x + ahead v, with the team's share of the particles first … last - 1."""
         for r in ti.static(range(self.rounds)):
             self.wait_for_team()  # until x and v of all particles, and then what the last round found, are there
             for force in ti.static(self.mutual):
                 if ti.static(r < force.rounds):
-                    force.look(r, self, first, last, x, v, ahead)
+                    force.find_contacts(r, self, first, last, x, v, ahead)
 
     @ti.func
     def inertia(self, i):
-        """The mass [kg] that the forces on particle i move."""
+        """The mass [kg] of particle i and what forces add to it."""
         m = self.particles.mass(i)
-        for force in ti.static(self.burdens):
+        for force in ti.static(self.adding_mass):
             m += force.added_mass(i)
         return m
 
-    @property
-    def members(self) -> int:
-        """How many threads of the team share the next launch."""
-        return self.size.members if self.size else self.team
-
-    @ti.func
-    def gather(self, members):
-        """Before a loop over so many members of the team."""
-        if ti.static(self.team > 1):
-            self.now[APART] = members
-            self.arrivals[0] = 0
-
-    @ti.func
-    def part_of(self, member):
-        """The first particle of a member of the team, and the first behind its last."""
-        first, last = 0, self.count
-        if ti.static(self.team > 1):
-            members = self.now[APART]
-            first = member * self.passes // members * self.lanes
-            last = ti.min((member + 1) * self.passes // members * self.lanes, self.count)
-        return first, last
-
-    @ti.func
-    def share_of(self, particle, points):
-        """Where `points` of any kind are cut for a member of the team whose particles are cut at `particle`."""
-        return cut(self.count, particle, points)
-
-    @ti.func
-    def wait_for_team(self):
-        """Until every thread of the team has come here. Threads spin: being woken would take longer than a stage."""
-        if ti.static(self.team > 1):
-            members = self.now[APART]
-            if members > 1:
-                come = ti.atomic_add(self.arrivals[0], 1)
-                everyone = (come // members + 1) * members
-                while ti.atomic_max(self.arrivals[0], 0) < everyone:
-                    pass
-
     def steps(self, first: int, last: int, dt: float) -> None:
-        """Substeps `first` to `last` of the current frame, dt [s] each; in this frame each in `parts`."""
+        """Substeps `first` to `last` of the current frame, dt [s] each, in `parts`: see Stepper.one_step."""
         self.stepper.take(first * self.parts, last * self.parts, dt / self.parts)
 
     def get_ready(self, integrator: Integrator, dt: float) -> None:
-        """Before steps of dt [s] by `integrator`."""
+        """Prepare for steps of dt [s] by `integrator`."""
         for force in self.mutual:
             force.stride(dt, integrator.solves, self.bound.damping)
         if integrator.solves:
             integrator.prepare(self, dt)
         for sweep in self.sweeps:
-            sweep.look_out(self.good.v, dt)
+            sweep.check_speed(self.good.v, dt)
 
     def refresh(self, t: float, dt: float) -> None:
-        """Have forces bring up to date what they keep for many steps, where they do not know that it is."""
+        """Rebuild the neighbour lists that are not known to be valid."""
         for force in self.mutual:
             if not force.fresh:
                 force.refresh(self, t, dt)
 
     def forget(self) -> None:
+        """Invalidate all neighbour lists."""
         for force in self.mutual:
             force.forget()
 
@@ -278,19 +228,23 @@ class System:
         within: it has begun already. `automatic` steps may be taken in parts. Returns the kinetic energy [J] that
         handles gain as their speed changes."""
         gained = 0.0
-        if len(self.handles.held) and not within:
-            x, v = self.good.x.copy(), self.good.v.copy()
-            x[self.handles.held], v[self.handles.held] = self.handles.motion(start, end)
-            if not (np.array_equal(x, self.good.x) and np.array_equal(v, self.good.v)):
-                gained = self.handles.kinetic(v) - self.handles.kinetic(self.good.v)
-                self.good.set(x, v)
-                self.forget()
         if not within:
+            if len(self.handles.held):
+                gained = self._move_handles(start, end)
             self.parts = self._choose_parts(end - start, dt) if automatic else 1
         self.changes.begin(start, self.good.x)
         for force in self.all_forces:
             force.begin_frame(start, end)
         self.refresh(0.0, (dt or end - start) / self.parts)
+        return gained
+
+    def _move_handles(self, start: float, end: float) -> float:
+        x, v, held, gained = self.good.x.copy(), self.good.v.copy(), self.handles.held, 0.0
+        x[held], v[held] = self.handles.motion(start, end)
+        if not (np.array_equal(x, self.good.x) and np.array_equal(v, self.good.v)):
+            gained = self.handles.kinetic(v) - self.handles.kinetic(self.good.v)
+            self.good.set(x, v)
+            self.forget()
         return gained
 
     def _choose_parts(self, frame_dt: float, dt: float) -> int:
@@ -301,15 +255,15 @@ class System:
         return max(asked, default=1)
 
     def remembered(self, within: bool) -> dict[str, np.ndarray]:
-        """What the frame that has begun, or, not `within` one, the next needs besides x and v to be the same."""
+        """What a run needs besides x and v to go on from here to the same bits; `within` a frame that has begun."""
         return {"parts": np.array(self.parts)} if within and self.parts > 1 else {}
 
     def recall(self, memory: dict[str, np.ndarray]) -> None:
-        """Go on from where `memory` was asked for."""
+        """Restore the moment of `memory`."""
         self.parts = int(memory.get("parts", 1))
 
     def write(self, x: np.ndarray, v: np.ndarray) -> None:
-        """Set the state, (N, 3) each, and remember it as good."""
+        """Set the state, (N, 3) each."""
         self.good.set(x - self.origin if self.origin.any() else x, v)
         self.forget()
 
@@ -319,7 +273,7 @@ class System:
         return (x + self.origin if self.origin.any() else x), v
 
     def keep_if_finite(self) -> int | None:
-        """Remember the state as good, or go back; see LastGood.keep."""
+        """Keep the state as good, or go back; see LastGood.keep."""
         bad = self.good.keep()
         if bad is not None:
             self.forget()
@@ -327,7 +281,7 @@ class System:
 
     def energies(self, t: float) -> dict[str, float]:
         """Kinetic, elastic, gravity and contact energy [J] `t` seconds after the current frame began."""
-        told = self.probe.energies(t)
+        found = self.probe.energies(t)
         if self.origin.any() and "gravity" in self.tuning:
-            told["gravity"] -= self.mass * float(np.dot(self.tuning["gravity"], self.origin))
-        return told
+            found["gravity"] -= self.mass * float(np.dot(self.tuning["gravity"], self.origin))
+        return found

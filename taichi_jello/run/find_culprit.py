@@ -8,7 +8,7 @@ import taichi as ti
 
 from taichi_jello.physics.forces.collider_contact.collider_penalty import PenaltyContact
 from taichi_jello.physics.forces.springs.hooke import Springs
-from taichi_jello.physics.forces.springs.spring_state import law_at
+from taichi_jello.physics.forces.springs.spring_state import springs_at
 from taichi_jello.scene.body import FAMILY_NAMES
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ class Blame:
         """The spring with the largest force."""
         simulation, (i, j) = self.simulation, self.body.springs.T
         tuning = simulation.tuning
-        law = law_at(simulation.scene, self.body, simulation.time, simulation.system.changes.memory())
+        law = springs_at(simulation.scene, self.body, simulation.time, simulation.system.changes.memory())
 
         def force(moment: Moment) -> np.ndarray:
             d, w = moment.x[j] - moment.x[i], moment.v[j] - moment.v[i]

@@ -17,7 +17,7 @@ def forces():
 
         @ti.kernel
         def fill():
-            system.look(0, system.count, system.state.x, system.state.v, 0.0)
+            system.find_contacts(0, system.count, system.state.x, system.state.v, 0.0)
             system.accelerations(0, system.count, system.state.x, system.state.v, 0.0, out)
 
         return system, fill, out

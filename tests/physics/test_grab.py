@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichi_jello import Box, Contact, Grab, Plane, Scene, Simulation
-from taichi_jello.physics.forces.grab import QUICK
+from taichi_jello.physics.forces.grab import FREQUENCY
 
 
 @pytest.fixture(autouse=True)
@@ -22,14 +22,14 @@ def test_a_held_weight_hangs_below_the_hand_by_its_weight(epsilon):
 
 
 def test_a_single_particle_follows_critically_damped(epsilon):
-    """x'' = -ω²(x - d) - 2ωx' from rest: x = d (1 - (1 + ωt) e^(-ωt)), ω² = k/(m + M), the hand's mass M = k/QUICK²;
-    the hand jumps before the first frame."""
+    """x'' = -ω²(x - d) - 2ωx' from rest: x = d (1 - (1 + ωt) e^(-ωt)), ω² = k/(m + M), the hand's mass
+    M = k/FREQUENCY²; the hand jumps before the first frame."""
     scene = Scene(
         gravity=(0.0, 0.0, 0.0), jello=[Box(points=(1, 1, 1))], force=[Grab(stiffness=400.0, limit=1e3, calm=0.0)]
     )
     simulation = Simulation(scene, dt=1e-4)
     simulation.grab([0], [1.0], (0.1, 0.0, 0.0))
-    omega = np.sqrt(400.0 / (1.0 + 400.0 / QUICK**2))
+    omega = np.sqrt(400.0 / (1.0 + 400.0 / FREQUENCY**2))
     for _ in range(12):
         simulation.frame()
         wt = omega * simulation.time
@@ -47,7 +47,7 @@ def test_the_pull_is_shared_by_weight_and_limited():
     start = simulation.snapshot()
     simulation.step(1)
     pulled = simulation.v - start.v
-    heavier = 0.125 + weights * 100.0 / QUICK**2  # each with its share of the hand's mass
+    heavier = 0.125 + weights * 100.0 / FREQUENCY**2  # each with its share of the hand's mass
     assert heavier * pulled[:3, 1] == pytest.approx(3.0 * weights * simulation.dt, rel=1e-3)
     assert np.linalg.norm(simulation.held.force) == pytest.approx(3.0)
     simulation.release()

@@ -112,7 +112,7 @@ def test_only_what_a_scene_needs_is_compiled(method, monkeypatch, best_precision
     assert "hooke.hooke" in code["undamped"]
     assert code["plain"] - code["undamped"] == {"hooke.dashpot"}
     assert code["no friction"] - code["plain"] >= {"collider_penalty.pressure", "plane.signed_distance"}
-    assert code["plane"] - code["no friction"] == {"collider_penalty.rub"}
+    assert code["plane"] - code["no friction"] == {"collider_penalty.rub", "collider_penalty.friction_slope"}
     swept = {"sphere.core_entry", "continuous_collision.stop", "continuous_collision.first_entry"}
     assert code["sphere too"] - code["plane"] == {"sphere.signed_distance"} | swept
     assert not any(name.startswith(("gravity.", "drag.", "field.")) for names in code.values() for name in names)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from taichi_jello import Box, Diverged, Scene, SceneError, Simulation, Snapshot
-from taichi_jello.physics.forces._base import Burden
+from taichi_jello.physics.forces._base import AddedMass
 from taichi_jello.physics.integrators import schemes
-from taichi_jello.physics.stable_step import largest_eigenvalue, loaded, stable_limit
+from taichi_jello.physics.stable_step import largest_eigenvalue, stable_limit, with_added_mass
 from taichi_jello.run.clock import StepWarning
 
 STILL = (0.0, 0.0, 0.0)
@@ -52,7 +52,7 @@ def test_a_spring_that_brings_its_own_mass_is_bounded(added):
         w[:3] = random.dirichlet([1.0, 1.0, 1.0])
         alone = np.linalg.eigvals(K / mass[:, None]).real.max()
         both = np.linalg.eigvals((K + k * np.outer(w, w)) / (mass + added * w)[:, None]).real.max()
-        bound = loaded(alone, [(k, Burden(k, 0.0, added, mass.min()))])
+        bound = with_added_mass(alone, [(k, AddedMass(k, 0.0, added, mass.min()))])
         assert both <= bound * (1.0 + 1e-9)
         assert bound == alone if k <= alone * added else bound > alone
 

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.colliders.plane import grid
+from taichi_jello.physics.colliders.plane import six_faces
 from taichi_jello.scene.description import Collider, SceneError, Vector, vector
 
 
@@ -76,16 +76,8 @@ class Block(Collider):
         return np.array([[*self.center, 0.0, 0.0, 0.0, *half, half.min() / 2.0]])
 
     def mesh(self, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        half, faces, start = np.array(self.size) / 2.0, [], 0
-        for axis in range(3):
-            for side in (-1.0, 1.0):
-                n, u, v = np.roll(np.eye(3), -axis, axis=0)
-                u, v = (u, v) if side > 0 else (v, u)
-                extent = float(half @ abs(u)), float(half @ abs(v))
-                points, triangles, _ = grid(side * n * half[axis], u, v, extent, max(0.25, half.max() / 8.0))
-                faces.append((points, triangles + start))
-                start += len(points)
-        return np.concatenate([p for p, _ in faces]), np.concatenate([t for _, t in faces]).astype(np.int32)
+        half = np.array(self.size) / 2.0
+        return six_faces(half, max(0.25, half.max() / 8.0))
 
     def origin(self, time: float) -> np.ndarray:
         return np.array(self.center)

@@ -19,7 +19,10 @@ def signed_distance(p, shape):
     return ti.Vector([n[0], n[1], n[2], n.dot(p)])
 
 
-def grid(center: np.ndarray, u: np.ndarray, v: np.ndarray, half: tuple[float, float], cell: float):
+Grid = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def grid(center: np.ndarray, u: np.ndarray, v: np.ndarray, half: tuple[float, float], cell: float) -> Grid:
     """A rectangle of about `cell`-sized quads spanned by the unit vectors u and v: vertices, triangles (normal u × v)
     and the segments between neighbouring vertices (E, 2, 3)."""
     nu, nv = (max(1, round(2 * size / cell)) for size in half)
@@ -31,6 +34,20 @@ def grid(center: np.ndarray, u: np.ndarray, v: np.ndarray, half: tuple[float, fl
     along_u = np.stack([vertices[:-1], vertices[1:]], 2).reshape(-1, 2, 3)
     along_v = np.stack([vertices[:, :-1], vertices[:, 1:]], 2).reshape(-1, 2, 3)
     return vertices.reshape(-1, 3), triangles, np.concatenate([along_u, along_v])
+
+
+def six_faces(half: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and outward triangles of a box of half sizes (3,) around the origin, a grid on each face."""
+    points, triangles, start = [], [], 0
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            n, u, v = np.roll(np.eye(3), -axis, axis=0)
+            u, v = (u, v) if side > 0 else (v, u)
+            face = grid(side * n * half[axis], u, v, (float(half @ abs(u)), float(half @ abs(v))), cell)
+            points.append(face[0])
+            triangles.append(face[1] + start)
+            start += len(face[0])
+    return np.concatenate(points), np.concatenate(triangles).astype(np.int32)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +69,7 @@ class Plane(Collider):
     def rows(self, start: float, end: float) -> np.ndarray:
         return np.array([[*self.point, 0.0, 0.0, 0.0, *self.normal, 0.0]])
 
-    def grid(self, reach: float):
+    def grid(self, reach: float) -> Grid:
         normal = np.array(self.normal)
         u = np.cross([0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0], normal)
         u = np.array([1.0, 0.0, 0.0]) if normal[1] == 1.0 else u / np.linalg.norm(u)

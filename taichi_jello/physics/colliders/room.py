@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from taichi_jello.physics.colliders.plane import grid, signed_distance
+from taichi_jello.physics.colliders.plane import Grid, grid, signed_distance
 from taichi_jello.scene.description import Collider, SceneError, Vector, vector
 
 
@@ -30,12 +30,10 @@ class Room(Collider):
         rows[:3, 6:9], rows[3:, 6:9] = np.eye(3), -np.eye(3)
         return rows
 
-    def floor_grid(self):
-        low, high = np.array(self.min), np.array(self.max)
-        size = high - low
-        center = np.array([size[0] / 2, 0.0, size[2] / 2])
-        z, x = np.eye(3)[2], np.eye(3)[0]
-        return grid(center, z, x, (size[2] / 2, size[0] / 2), 0.5)
+    def floor_grid(self) -> Grid:
+        size = np.array(self.max) - np.array(self.min)
+        x, _, z = np.eye(3)
+        return grid(np.array([size[0] / 2, 0.0, size[2] / 2]), z, x, (size[2] / 2, size[0] / 2), 0.5)
 
     def mesh(self, reach: float) -> tuple[np.ndarray, np.ndarray]:
         return self.floor_grid()[:2]

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 import taichi as ti
 
+from taichi_jello.physics.colliders.plane import six_faces
 from taichi_jello.scene.description import Collider, Vector, number, vector
 from taichi_jello.scene.validation import FASTEST
 
@@ -73,15 +74,6 @@ class Sphere(Collider):
 
     def mesh(self, reach: float) -> tuple[np.ndarray, np.ndarray]:
         """A cube of 16×16 quads a side, pushed onto the sphere."""
-        from taichi_jello.physics.colliders.plane import grid
-
-        faces = []
-        for axis in range(3):
-            for sign in (-1.0, 1.0):
-                n, u, v = np.roll(np.eye(3), -axis, axis=0) * np.array([[sign], [1.0], [1.0]])
-                u, v = (u, v) if sign > 0 else (v, u)
-                faces.append(grid(n, u, v, (1.0, 1.0), 2 / 16)[:2])
-        starts = np.cumsum([0] + [len(vertices) for vertices, _ in faces])
-        points = np.tan(np.concatenate([vertices for vertices, _ in faces]) * (pi / 4))
-        points *= self.radius / np.linalg.norm(points, axis=1, keepdims=True)
-        return points, np.concatenate([t + s for (_, t), s in zip(faces, starts, strict=False)]).astype(np.int32)
+        points, triangles = six_faces(np.ones(3), 2 / 16)
+        points = np.tan(points * (pi / 4))
+        return points * (self.radius / np.linalg.norm(points, axis=1, keepdims=True)), triangles

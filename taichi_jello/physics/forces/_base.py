@@ -1,4 +1,4 @@
-"""What every force on particles offers to the system."""
+"""The interface of forces on particles."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -10,34 +10,33 @@ from taichi_jello.scene.description import Scene
 
 
 @dataclass(frozen=True)
-class Burden:
-    """A spring of stiffness k [N/m] and damping c [N·s/m] on particles of at least `least` [kg] each, to which it adds
-    a mass M [kg] that it shares out as its force: see stable_step.py for what that does to the step."""
+class AddedMass:
+    """A spring of `stiffness` [N/m] and `damping` [N·s/m] on particles of at least `least` [kg] each, to which it adds
+    a mass [kg], shared out as its force is: see stable_step.py for the safe step."""
 
-    k: float
-    c: float
+    stiffness: float
+    damping: float
     mass: float
     least: float
 
 
 @dataclass(frozen=True)
 class Rates:
-    """How fast a force can make the particles move, in whatever configuration.
+    """How fast a force can make the particles move, in every configuration.
 
-    squared_frequency [1/s²] bounds the eigenvalues of M⁻¹K and damping [1/s] those of M⁻¹C from above;
-    damping_time [s] bounds C/K from below on all that this force makes swing (infinity if it makes nothing swing).
-    burden: what of the force brings a mass of its own, not counted in the others.
+    squared_frequency [1/s²] bounds the eigenvalues of M⁻¹K and damping [1/s] those of M⁻¹C from above; damping_time [s]
+    bounds C/K from below on all that this force makes oscillate (infinity: nothing). added_mass: counted separately.
     """
 
     squared_frequency: float = 0.0
     damping: float = 0.0
     damping_time: float = float("inf")
-    burden: Burden | None = None
+    added_mass: AddedMass | None = None
 
 
 @ti.func
 def cut(whole, at, others):
-    """Where `others` are cut for the members of a team if the `whole` of something else is cut at `at`."""
+    """Where a team cuts `others` if it cuts a `whole` of something else at `at`."""
     return ti.cast(ti.cast(at, ti.i64) * others // whole, ti.i32)
 
 
@@ -57,61 +56,60 @@ def even_block(across):
     return ti.Vector([across, across, across, 0.0, 0.0, 0.0])
 
 
-class ParticleForce:
-    """A force on single particles. A subclass answers in `made_for` what a scene needs of it: often nothing.
+class Capabilities:
+    """What only some forces do. Each is off unless a force switches it on and defines the functions named here.
 
-    It defines `@ti.func on(self, i, x, v, t)`, the force [N] on particle i for the fields x, v of all particles at
-    `t` seconds after the current frame began, or, with `in_passes`, `@ti.func on_pass(self, first, last, x, v, t, f)`,
-    which adds the forces on the particles first … last - 1 of one pass (see Memory.lanes) to f; and, if `energy_kind`
-    is set, `@ti.func energy(self, i, x, t)` [J].
-
-    With `prepares` it also defines `points`, a whole number, and `@ti.func prepare(self, first, last, x, v, t)`, one
-    loop over its own points first … last - 1, each of which writes to its own place only. The members of a team
-    share the points, and all of them are done before any force on a particle is asked for.
-
-    With `burdens` it also acts on a few particles that it makes heavier. It defines `@ti.func load(self, first, last,
-    x, v, t, a)`, which changes the accelerations a that all else gives those of them among first … last - 1; and for
-    one particle `@ti.func added_mass(self, i)` [kg] and `@ti.func on_held(self, i, x, v, t)`, its force [N].
-
-    For implicit steps of length c [s] it also offers how it stiffens the step, -∂f/∂x - ∂f/∂v / c, made symmetric and
-    never negative: with `has_curvature`, `@ti.func curvature(self, i, x, v, t, c)`, the 3×3 block [N/m] of particle i,
-    six numbers as `block` gives them, which must bound what ties i to others as well; or, with `couples`, `@ti.func
-    resist_on_pass(self, first, last, x, p, c, q)`, which adds its product with the displacements p to q, `@ti.func
-    hold(self, i, x, c)`, the block that this has for particle i, and `pairs(c)`, the particles (i, j) that it ties
-    together and the most that it stiffens each pair by; `generation` counts how often these have changed, other than
-    by `tune`. A force with neither still acts at the end of the step, but the solve does not see it coming.
-
-    `acts`: False while it does nothing, as a hand that is open.
-
-    With a `sweep` (see continuous_collision.py) every step ends with a look whether it went through something.
-
-    For the energy ledger (see physics/energy_ledger.py) a force that stores energy and also has losses names these in
-    `works` and defines `@ti.func powers(self, i, x, v, t)`, a vector with particle i's share of each [W].
+    in_passes: `on_pass(first, last, x, v, t, f)` adds the forces on the particles of one pass (see Memory.lanes) to f.
+    prepares: `prepare(first, last, x, v, t)` runs before any force is asked for: one loop over its own `points`, each
+        of which writes to its own place only; a team shares them out.
+    has_curvature: for an implicit step of h [s], `curvature(i, x, v, t, h)` is a block (see `block`) [N/m] that bounds
+        -∂f/∂x - ∂f/∂v / h, made symmetric and never negative, for particle i and what couples it to others.
+    couples: the same as a matrix: `resist_on_pass(first, last, x, p, h, q)` adds its product with the displacements p
+        to q, `hold(i, x, h)` is its diagonal block, `pairs(h)` are the particles (2, S) that it couples and a bound
+        [N/m] for each pair; `generation` counts how often these have changed other than by `tune`. A force with
+        neither is still applied where the step ends, but the solver does not know its slope.
+    adds_mass: it makes a few particles heavier. `accelerate(first, last, x, v, t, a)` corrects what all other forces
+        give them, `added_mass(i)` [kg] and `on_held(i, x, v, t)` [N] are of one particle.
+    sweep: continuous collision detection at the end of every step (see continuous_collision.py).
+    works: names for the energy ledger of what dissipates in a force that also stores energy;
+        `powers(i, x, v, t)` is a vector with particle i's share of each [W].
     """
 
-    title: ClassVar[str]
-    energy_kind: ClassVar[str | None] = None
-    reads_velocity: bool = False
     in_passes: bool = False
     prepares: bool = False
-    burdens: bool = False
     points: int = 0
     has_curvature: bool = False
     couples: bool = False
     generation: int = 0
-    acts: bool = True
+    adds_mass: bool = False
     sweep: Any = None
     works: tuple[str, ...] = ()
     prepare: Any
-    on: Any
     powers: Any
-    load: Any
+    accelerate: Any
     added_mass: Any
     on_held: Any
 
+
+class ParticleForce(Capabilities):
+    """A force on particles. `on(i, x, v, t)`, a ti.func, is the force [N] on particle i for the fields x and v of all
+    particles, `t` seconds after the current frame began. If it stores energy, `energy_kind` says which and the ti.func
+    `energy(i, x, t)` is particle i's share [J]."""
+
+    title: ClassVar[str]
+    energy_kind: ClassVar[str | None] = None
+    reads_velocity: bool = False
+    on: Any
+
     @classmethod
     def made_for(cls, scene: Scene, particles: Particles) -> list[Any]:
+        """What a scene needs of it: [] if nothing, so that nothing is compiled."""
         raise TypeError(f"{cls.__name__} must define made_for()")
+
+    @property
+    def acts(self) -> bool:
+        """False while it does nothing."""
+        return True
 
     def rates(self) -> Rates:
         return Rates()
@@ -129,25 +127,20 @@ class ParticleForce:
 
 
 class MutualForce(ParticleForce):
-    """A force between jellos: what it does to some particles it does to others the other way.
+    """Contact between jellos: forces that are equal and opposite, and the neighbour list they come from.
 
-    It finds what touches once a step, for all evaluations of the step; where a step is solved for, at each evaluation.
-    It defines `rounds` and `@ti.func look(self, r: ti.template(), system, first, last, x, v, ahead)`, one round of
-    looking at the particles at x + ahead v, by the member of the team whose particles are first … last - 1 (it cuts
-    what else there is by `system.share_of`); all members have done a round before the next one begins.
+    Narrow phase: contacts are found once a step, in an implicit step at each evaluation. `find_contacts(r, system,
+    first, last, x, v, ahead)`, a ti.func, is one of `rounds` rounds for the particles at x + ahead v; all members of
+    the team finish a round before the next begins.
 
-    It keeps for many steps what is `near` (see neighbour_list.py), which is right as long as the particles have not
-    moved too far. It defines `fresh`, whether it is right to its knowledge; `forget()`, after which it is not;
-    `refresh(system, t, dt)`, which brings it up to date for the state of the system `t` seconds after the current frame
-    began and steps of dt [s]; `@ti.func watch(self, first, last, x, v, t, dt)`, which before each step looks whether
-    one of the particles first … last - 1 may move too far in it; and `@ti.func stale(self)`, whether any may: then the
-    step has to wait.
+    Broad phase: `near`, a neighbour list (see neighbour_list.py), is valid until particles have moved too far. `fresh`
+    says that it is valid as far as known, `forget()` invalidates it, `refresh(system, t, dt)` rebuilds it; the ti.func
+    `watch(first, last, x, v, t, dt)` runs before each step and `stale()` then says whether the step must wait.
 
-    It may need a frame's steps taken in parts: `parts(x, v, frame_dt, dt)` says in how many, for the frame that begins
-    with the particles at x and v, (N, 3) arrays. `nearest` [m]: the way beyond which a step is taken in parts.
-    `stride(dt, solves, damping)` tells it how long the steps are that follow, whether they are solved for, and how fast
-    [1/s] dashpots can damp. With a `brake` (see inelastic_brake.py) what has gone deep into something loses speed at
-    the end of a step.
+    Step size: `stride(dt, solves, damping)` gives the length of the next steps, whether they are implicit, and a bound
+    on the damping rate [1/s]; `parts(x, v, frame_dt, dt)` is the number of parts to take each step of the coming frame
+    in, more than one only where something moves farther than `nearest` [m] in a step. With a `brake` (see
+    inelastic_brake.py) deep contacts lose speed at the end of a step.
     """
 
     near: Any
@@ -155,7 +148,7 @@ class MutualForce(ParticleForce):
     nearest: float
     fresh: Any
     brake: Any = None
-    look: Any
+    find_contacts: Any
     refresh: Any
     forget: Any
     watch: Any

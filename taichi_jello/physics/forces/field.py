@@ -9,7 +9,8 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces._base import ParticleForce, Rates
-from taichi_jello.scene.description import Force, SceneError, Vector, vector
+from taichi_jello.physics.particles import Particles
+from taichi_jello.scene.description import Force, Scene, SceneError, Vector, vector
 from taichi_jello.scene.validation import LARGEST
 
 
@@ -68,7 +69,7 @@ class CallableField(Force):
             inspect.signature(self.function).bind("x", "v", "t")
         except TypeError as error:
             raise SceneError("function", f"expected a function of x, v and t: {error}") from None
-        except ValueError:  # it does not tell
+        except ValueError:  # a builtin without a signature
             pass
         return {}
 
@@ -77,11 +78,11 @@ class CallableField(Force):
 class UniformForce(ParticleForce):
     title = "uniform field"
 
-    def __init__(self, field):
+    def __init__(self, field: UniformField):
         self.force = ti.Vector(list(field.force))
 
     @classmethod
-    def made_for(cls, scene, particles):
+    def made_for(cls, scene: Scene, particles: Particles) -> list["UniformForce"]:
         return [cls(field) for field in scene.force if isinstance(field, UniformField) and any(field.force)]
 
     @ti.func
@@ -93,24 +94,27 @@ class UniformForce(ParticleForce):
 class GridForce(ParticleForce):
     title = "grid field"
 
-    def __init__(self, field, particles):
+    def __init__(self, field: GridField, particles: Particles):
         self.shape = field.values.shape[:3]
         self.low = ti.Vector(list(field.min))
-        self.per_metre = ti.Vector(
-            [(n - 1) / (b - a) for n, a, b in zip(self.shape, field.min, field.max, strict=True)]
-        )
+        per_metre = [(n - 1) / (b - a) for n, a, b in zip(self.shape, field.min, field.max, strict=True)]
+        self.per_metre = ti.Vector(per_metre)
         self.nodes = particles.memory.table(self.title, "nodes", field.values.reshape(-1, 3))
-        slopes = [np.diff(field.values, axis=axis) * self.per_metre[axis] for axis in range(3)]
+        slopes = [np.diff(field.values, axis=axis) * per_metre[axis] for axis in range(3)]
         steepest = sum(float(np.linalg.norm(s, axis=-1).max()) for s in slopes)
         self.squared_frequency = steepest / float(particles.body.mass.min())
 
     @classmethod
-    def made_for(cls, scene, particles):
+    def made_for(cls, scene: Scene, particles: Particles) -> list["GridForce"]:
         return [cls(field, particles) for field in scene.force if isinstance(field, GridField)]
 
     @ti.func
+    def on(self, i, x, v, t):
+        return self.at(x[i])
+
+    @ti.func
     def at(self, p):
-        """The force at the point p [m], linear in each axis between the eight nodes around it (k fastest)."""
+        """The force at the point p [m], trilinear between the eight nodes around it."""
         cell = ti.Vector([0, 0, 0])
         part = ti.Vector([0.0, 0.0, 0.0])
         for axis in ti.static(range(3)):
@@ -127,21 +131,20 @@ class GridForce(ParticleForce):
             force += weight * self.nodes[node]
         return force
 
-    @ti.func
-    def on(self, i, x, v, t):
-        return self.at(x[i])
-
-    def rates(self):
+    def rates(self) -> Rates:
         return Rates(squared_frequency=self.squared_frequency)
 
 
 def check_vector(key: str, function: Any) -> None:
-    """Raise SceneError unless Taichi compiles the function and finds that it returns a 3-vector. Otherwise it would end
-    the process where the force is added to others."""
+    """Raise SceneError unless Taichi compiles the function and finds that it returns a 3-vector: any other value would
+    end the process where the force is added to others."""
     shapes: list[tuple[int, ...]] = []
 
     def note(force: Any) -> int:
-        shapes.append(_shape(force))
+        try:
+            shapes.append((len(force),) if isinstance(force, (list, tuple)) else tuple(force.get_shape()))
+        except (AttributeError, ti.TaichiCompilationError):
+            shapes.append(())
         return len(shapes)
 
     @ti.kernel
@@ -159,36 +162,22 @@ def check_vector(key: str, function: Any) -> None:
         raise SceneError(key, f"expected a function that returns a 3-vector, got {found}")
 
 
-def _shape(value: Any) -> tuple[int, ...]:
-    """Of what a Taichi function returns, () if it is no vector."""
-    if isinstance(value, (list, tuple)):
-        return (len(value),)
-    try:
-        return tuple(value.get_shape())
-    except (AttributeError, ti.TaichiCompilationError):
-        return ()
-
-
 @ti.data_oriented
 class CallableForce(ParticleForce):
     title = "callable field"
     reads_velocity = True
 
-    def __init__(self, field, particles, key):
-        function = field.function
+    def __init__(self, function: Any, particles: Particles, key: str):
         self.frame_start = particles.memory.table(self.title, "frame start", np.zeros(1))
         self.function = function if getattr(function, "_is_taichi_function", False) else ti.func(function)
         check_vector(key, self.function)
 
     @classmethod
-    def made_for(cls, scene, particles):
-        return [
-            cls(field, particles, f"force.{number}.function")
-            for number, field in enumerate(scene.force)
-            if isinstance(field, CallableField)
-        ]
+    def made_for(cls, scene: Scene, particles: Particles) -> list["CallableForce"]:
+        fields = [(n, field) for n, field in enumerate(scene.force) if isinstance(field, CallableField)]
+        return [cls(field.function, particles, f"force.{n}.function") for n, field in fields]
 
-    def begin_frame(self, start, end):
+    def begin_frame(self, start: float, end: float) -> None:
         self.frame_start[0] = start
 
     @ti.func

@@ -1,19 +1,21 @@
 """A hand that holds one point of a jello's surface by a damped spring and pulls it along.
 
-A spring firm enough to hold a jello's weight without a visible sag would swing a single particle so fast that every
-step had to be shorter. So the hand has a mass: what it holds is that much heavier, and the spring as slow as QUICK.
+A spring firm enough to hold a jello's weight without a visible sag would shorten the safe step, since it acts on a
+few light particles. So the hand has a mass, which makes them heavier and the spring's frequency at most FREQUENCY.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.forces._base import Burden, ParticleForce, Rates, even_block
-from taichi_jello.scene.description import Force, Scene, number
+from taichi_jello.physics.forces._base import AddedMass, ParticleForce, Rates, even_block
+from taichi_jello.physics.particles import Particles
+from taichi_jello.scene.description import Force, Scene, Vector, number
 
-QUICK = 250.0  # 1/s: the held point settles at the hand's place within a frame
+FREQUENCY = 250.0  # 1/s: the held point settles at the hand's place within a frame
 FIRMNESS = 2.0  # of the hand's spring, in typical springs of the body
 REACH = 0.5  # of the body's size by which typical springs must stretch to pull as hard as the hand can
 SAG = 0.002  # of the body's size: how far below the hand the held point hangs under the weight of all, at most
@@ -33,7 +35,7 @@ class Grab(Force):
     limit: float = 0.0
     calm: float = CALM
 
-    def check(self):
+    def check(self) -> dict[str, Any]:
         return {name: number(name, getattr(self, name), low=0.0) for name in ("stiffness", "limit", "calm")}
 
 
@@ -55,31 +57,34 @@ class Held:
     force: np.ndarray
 
 
+Grip = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]
+
+
 @ti.data_oriented
 class Hand(ParticleForce):
     """F = k e + c (w - u) on the held point, which moves at u and is e away from the hand that moves at w, never more
-    than the limit. From farther than `near` the spring pulls less than in step with e, by √(near (2e - near))/e: the
-    point comes in at the speed u² = 2a (e - near/2), near = 4a/ω², from which a, which is what half the limit does to
-    the hand, stops it. Each of up to MOST particles gets F, and the hand's mass, times its weight. c is critical for a
-    single particle. On all particles of the jello acts -m γ (v - w) besides, γ being `calm`."""
+    than the limit. Beyond `near` the spring's force is k √(near (2|e| - near)): the point comes in at the speed
+    u² = 2a (|e| - near/2), near = 4a/ω², from which a, half the limit over the hand's mass, stops it. Each of up to
+    MOST particles gets F, and the hand's mass, times its weight. c is critical for a single particle. All particles of
+    the jello also get -m γ (v - w), γ being `calm`."""
 
     title = "grab"
     works = ("grab",)
     reads_velocity = True
     has_curvature = True
-    burdens = True
+    adds_mass = True
 
-    def __init__(self, grab, particles, gravity, frame_dt):
+    def __init__(self, grab: Grab, particles: Particles, gravity: Vector, frame_dt: float):
         body = particles.body
         typical = float(np.median(body.stiffness)) if len(body.springs) else 100.0 * float(body.mass.sum())
         size = float(np.ptp(body.x, axis=0).max()) or 1.0
         weight = float(body.mass.sum()) * (float(np.linalg.norm(gravity)) or 9.81)
         self.least_mass = float(body.mass.min())
         self.stiffness = grab.stiffness or max(FIRMNESS * typical, weight / (SAG * size))
-        self.own_mass = self.stiffness / QUICK**2
+        self.own_mass = self.stiffness / FREQUENCY**2
         self.damping = 2.0 * float(np.sqrt(self.stiffness * (self.own_mass + self.least_mass)))
         self.limit = grab.limit or max(REACH * typical * size, LIFT * weight)
-        self.near = 2.0 * self.limit / self.stiffness  # 4 a/QUICK², a = limit/(2 own_mass)
+        self.near = 2.0 * self.limit / self.stiffness  # 4 a/FREQUENCY², a = limit/(2 own_mass)
         self.number, self.calm, self.particle = particles.memory.number, grab.calm, particles
         self.jello, self.origin = body.jello, particles.origin
         self.several = bool(body.jello.any())
@@ -96,41 +101,37 @@ class Hand(ParticleForce):
         self._rows = np.zeros((3, 3), self.number)
 
     @classmethod
-    def made_for(cls, scene, particles):
-        return [
-            cls(force, particles, scene.gravity, scene.solver.frame_dt)
-            for force in scene.force
-            if isinstance(force, Grab)
-        ]
+    def made_for(cls, scene: Scene, particles: Particles) -> list["Hand"]:
+        grabs = [force for force in scene.force if isinstance(force, Grab)]
+        return [cls(grab, particles, scene.gravity, scene.solver.frame_dt) for grab in grabs]
 
     @property
     def holds(self) -> bool:
         return len(self.particles) > 0
 
     @property
-    def acts(self):
+    def acts(self) -> bool:
         return self.holds
 
-    def take(self, particles, weights, target):
+    def take(self, particles: np.ndarray, weights: np.ndarray, target: Sequence[float]) -> None:
         """Hold Σ weights x of the given particles from the next frame on."""
-        self.particles, self.weights = np.array(particles, np.int32), np.array(weights, float)
-        self.target = self._from = self._to = np.array(target, float)
-        self._changed = True
+        place = np.array(target, float)
+        self.grip = np.array(particles, np.int32), np.array(weights, float), place, place, place, self._frame
 
     @property
-    def grip(self):
-        """All that begin_frame goes by."""
+    def grip(self) -> Grip:
+        """All that begin_frame depends on."""
         return self.particles, self.weights, self.target, self._from, self._to, self._frame
 
     @grip.setter
-    def grip(self, grip):
+    def grip(self, grip: Grip) -> None:
         self.particles, self.weights, self.target, self._from, self._to, self._frame = grip
         self._changed = True
 
-    def let_go(self):
+    def let_go(self) -> None:
         self.particles, self.weights, self._changed = np.zeros(0, np.int32), np.zeros(0), True
 
-    def begin_frame(self, start, end):
+    def begin_frame(self, start: float, end: float) -> None:
         """The hand moves evenly from its target of the frame before to that of this one."""
         if start != self._frame:
             self._from, self._frame = self._to, start
@@ -147,7 +148,7 @@ class Hand(ParticleForce):
 
     @ti.kernel
     def _write(self, rows: ti.types.ndarray()):
-        """What from_numpy does, in a tenth of its time."""
+        """Ten times faster than from_numpy."""
         for row, column in ti.static(ti.ndrange(3, 3)):
             self.hand[row][column] = rows[row, column]
 
@@ -177,16 +178,16 @@ class Hand(ParticleForce):
     def calming(self, i):
         """m γ of particle i [kg/s], zero if it is not of the held jello."""
         rate = self.hand[2][0]
-        if ti.static(self.several):  # noqa: SIM102 - decided when it is compiled
+        if ti.static(self.several):
             if self.jello_of[i] != int(self.hand[2][1]):
                 rate = 0.0
         return rate * self.particle.mass(i)
 
     @ti.func
-    def curvature(self, i, x, v, t, c):
+    def curvature(self, i, x, v, t, h):
         """The weights sum to one, so the matrix k w wᵀ is at most the diagonal one with k w."""
-        pull = self.share(i) * (self.stiffness + self.damping / c)
-        return even_block(pull + self.calming(i) / c)
+        pull = self.share(i) * (self.stiffness + self.damping / h)
+        return even_block(pull + self.calming(i) / h)
 
     @ti.func
     def on(self, i, x, v, t):
@@ -201,7 +202,7 @@ class Hand(ParticleForce):
         return self.share(i) * self.pull(x, v, t)
 
     @ti.func
-    def load(self, first, last, x, v, t, a):
+    def accelerate(self, first, last, x, v, t, a):
         """(m a + w F) / (m + w M) for a particle of weight w; nothing moves a pinned one."""
         for k in range(MOST):
             i = self.held[1 + k]
@@ -213,13 +214,12 @@ class Hand(ParticleForce):
     def powers(self, i, x, v, t):
         return ti.Vector([(self.on(i, x, v, t) + self.on_held(i, x, v, t)).dot(v[i])])
 
-    def rates(self):
-        """The weights sum to one, so k w wᵀ is at most the diagonal matrix k w, as the hand's mass is M w. A hand that
-        holds nothing makes nothing swing."""
+    def rates(self) -> Rates:
+        """The weights sum to one, so k w wᵀ is at most the diagonal matrix k w, as the hand's mass is M w."""
         if not self.holds:
             return Rates()
-        burden = Burden(self.stiffness, self.damping, self.own_mass, self.least_mass)
-        return Rates(damping=self.calm, damping_time=self.damping / self.stiffness, burden=burden)
+        added = AddedMass(self.stiffness, self.damping, self.own_mass, self.least_mass)
+        return Rates(damping=self.calm, damping_time=self.damping / self.stiffness, added_mass=added)
 
     def now(self, x: np.ndarray, v: np.ndarray) -> Held:
         """What is held, with the particles at x (N, 3) [m] and moving at v (N, 3) [m/s]."""

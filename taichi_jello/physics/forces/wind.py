@@ -1,12 +1,13 @@
 """Wind, F = m γ (w - v): air that moves at w drags everything along. Calm until it is tuned; then w may change."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces._base import ParticleForce, Rates, even_block
+from taichi_jello.physics.particles import Particles
 from taichi_jello.scene.description import Force, Scene, Vector, number, vector
 from taichi_jello.scene.validation import FASTEST
 
@@ -22,7 +23,7 @@ class Wind(Force):
     velocity: Vector = (0.0, 0.0, 0.0)
     rate: float = RATE
 
-    def check(self):
+    def check(self) -> dict[str, Any]:
         return {"velocity": vector("velocity", self.velocity, most=FASTEST), "rate": number("rate", self.rate, low=0.0)}
 
 
@@ -38,31 +39,29 @@ class WindForce(ParticleForce):
     reads_velocity = True
     has_curvature = True
 
-    def __init__(self, wind, particles):
+    def __init__(self, wind: Wind, particles: Particles):
         self.particles, self.rate, self.velocity = particles, wind.rate, tuple(wind.velocity)
         # Rows: the velocity [m/s], and in each column the rate [1/s] while it blows.
         self.air = particles.memory.table(self.title, "air", self._rows())
 
     @classmethod
-    def made_for(cls, scene, particles):
+    def made_for(cls, scene: Scene, particles: Particles) -> list["WindForce"]:
         return [cls(force, particles) for force in scene.force if isinstance(force, Wind)]
 
-    def _rows(self):
-        return np.array([self.velocity, [self.blows] * 3])
+    def _rows(self) -> np.ndarray:
+        return np.array([self.velocity, [self._rate_now()] * 3])
+
+    def _rate_now(self) -> float:
+        return self.rate if self.acts else 0.0
 
     @property
-    def blows(self):
-        """The rate [1/s], zero while it is calm."""
-        return self.rate if any(self.velocity) else 0.0
-
-    @property
-    def acts(self):
+    def acts(self) -> bool:
         return any(self.velocity)
 
-    def tuning(self):
+    def tuning(self) -> dict[str, Any]:
         return {"wind": self.velocity}
 
-    def tune(self, name, value):
+    def tune(self, name: str, value: Any) -> None:
         self.velocity = tuple(map(float, value))
         self.air.from_numpy(self._rows().astype(self.particles.memory.number))
 
@@ -71,8 +70,8 @@ class WindForce(ParticleForce):
         return self.particles.mass(i) * self.air[1] * (self.air[0] - v[i])
 
     @ti.func
-    def curvature(self, i, x, v, t, c):
-        return even_block(self.particles.mass(i) * self.air[1][0] / c)
+    def curvature(self, i, x, v, t, h):
+        return even_block(self.particles.mass(i) * self.air[1][0] / h)
 
-    def rates(self):
-        return Rates(damping=self.blows)
+    def rates(self) -> Rates:
+        return Rates(damping=self._rate_now())

@@ -173,7 +173,7 @@ class XPBD(Integrator):
             B = even_block(m / (dt * dt))
             for force in ti.static(self.holding):
                 r += force.on(i, self.ahead, self.state.v, t + dt)
-                if ti.static(force.burdens):
+                if ti.static(force.adds_mass):
                     r += force.on_held(i, self.ahead, self.state.v, t + dt)
                 B += force.curvature(i, self.ahead, self.state.v, t + dt, dt)
             change = _ldl.solve(B, r, self.memory.owner.epsilon)

@@ -66,7 +66,7 @@ def run_case(simulation: Simulation, case: Case, substeps: int, x: np.ndarray) -
 
 @ti.kernel
 def _accelerations(system: ti.template(), t: float, out: ti.template()):
-    system.look(0, system.count, system.state.x, system.state.v, 0.0)
+    system.find_contacts(0, system.count, system.state.x, system.state.v, 0.0)
     system.accelerations(0, system.count, system.state.x, system.state.v, t, out)
 
 

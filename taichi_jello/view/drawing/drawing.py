@@ -3,7 +3,7 @@ renderer."""
 
 import numpy as np
 
-from taichi_jello.physics.forces.springs.spring_state import NOTHING, Memory, law_at
+from taichi_jello.physics.forces.springs.spring_state import NOTHING, Memory, springs_at
 from taichi_jello.physics.forces.springs.tearing import parted
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import COLORS, SHOWS, Scene
@@ -128,7 +128,7 @@ class Drawing:
                 shadow.update(self._points, origins[index], look)
         if self.springs is not None:
             if self.changing:
-                self.springs.obey(law_at(self.scene, self.body, time, memory))
+                self.springs.obey(springs_at(self.scene, self.body, time, memory))
             self.springs.update(self._points, self._speeds, look, color)
         if self.skin is not None and "skin" not in self.hidden:
             self.skin.place(self._points, skin)

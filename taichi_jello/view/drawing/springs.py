@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichi_jello.physics.forces.springs.spring_state import Law
+from taichi_jello.physics.forces.springs.spring_state import SpringState
 from taichi_jello.scene.body import FAMILY_NAMES, Body
 from taichi_jello.view.drawing import palette
 from taichi_jello.view.drawing.primitives import WIDTH, Lines
@@ -82,7 +82,7 @@ class Springs:
         order = np.argsort(layer, kind="stable")
         self.pairs = np.ascontiguousarray(body.springs[order], np.int32)
         self._order = order
-        self.obey(Law(body.stiffness, body.rest_length, body.damping))
+        self.obey(SpringState(body.stiffness, body.rest_length, body.damping))
         self.families = np.minimum(body.family, 3).astype(np.intp)[order]
         self.everything = False
         self.scale = (1.0, 1.0)
@@ -95,7 +95,7 @@ class Springs:
         typical = np.median(body.rest_length * body.stiffness) if len(self.pairs) else 0.0
         self._floor = {"force": FLOOR * float(typical), "strain": FLOOR}
 
-    def obey(self, law: Law) -> None:
+    def obey(self, law: SpringState) -> None:
         """Show springs that are as `law` says from now on."""
         self.law = law
         numbers = (law.rest_length, law.stiffness, law.damping)

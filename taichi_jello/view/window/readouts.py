@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_jello.physics.forces.springs.spring_state import law_at
+from taichi_jello.physics.forces.springs.spring_state import springs_at
 from taichi_jello.view.drawing.springs import loads
 
 SPAN = 5.0  # s of the past that is kept
@@ -50,6 +50,6 @@ def largest_force(simulation: Any, x: np.ndarray, v: np.ndarray) -> float:
     if not len(body.springs):
         return 0.0
     i, j = body.springs.T
-    law = law_at(simulation.scene, body, simulation.time, simulation.snapshot().memory)
+    law = springs_at(simulation.scene, body, simulation.time, simulation.snapshot().memory)
     stiffness, damping = (tuning.get(name, 1.0) * getattr(law, name) for name in ("stiffness", "damping"))
     return float(loads(x[j] - x[i], v[j] - v[i], law.rest_length, stiffness, damping).max())

@@ -1,5 +1,6 @@
 """Penalty contact of particles with colliders: spring, dashpot and Coulomb friction (workshop, "Collisions")."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import hypot
 from typing import Any
@@ -11,8 +12,11 @@ from taichi_jello.physics.forces._base import ParticleForce, Rates, block, even_
 from taichi_jello.physics.forces.collider_contact.continuous_collision import Sweep
 from taichi_jello.physics.forces.contact_law import ContactLaw
 from taichi_jello.physics.forces.springs.spring_state import loose
+from taichi_jello.physics.particles import Particles
+from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import Scene
 
-FEW = 3  # surfaces up to which a look at each is as quick as asking first whether any is near
+BROAD_PHASE_ABOVE = 3  # surfaces; with fewer, testing each in full is as quick as a broad phase
 
 
 @ti.func
@@ -24,10 +28,15 @@ def pressure(depth, speed, stiffness, damping):
 
 @ti.func
 def rub(pressed, u, friction, grip):
-    """Friction [N] of a particle pressed with `pressed` [N] that slides at `u` [m/s]. It opposes u with magnitude
+    """Friction [N] of a particle pressed with N = `pressed` [N] that slides at `u` [m/s]. It opposes u with magnitude
     μN·g|u|/√(g²|u|² + μ²N²): Coulomb's μN when sliding, viscous with g [N·s/m] when almost at rest."""
-    limit = friction * pressed
-    return -limit * grip / ti.sqrt(grip * grip * u.dot(u) + limit * limit + 1e-30) * u
+    return -friction_slope(friction * pressed, u, grip) * u
+
+
+@ti.func
+def friction_slope(limit, u, grip):
+    """The ratio of friction and speed [N·s/m], μN = `limit` [N]."""
+    return limit * grip / ti.sqrt(grip * grip * u.dot(u) + limit * limit + 1e-30)
 
 
 @dataclass(frozen=True)
@@ -46,33 +55,34 @@ class Group:
 
 @ti.data_oriented
 class PenaltyContact(ParticleForce):
+    """A row of `rows`: a point of a surface [m], its velocity [m/s] and four numbers for its signed distance. `law`:
+    stiffness, damping, friction and grip (see contact_law.py). A point counts as `share` particles of the surface."""
+
     title = "contact"
     energy_kind = "contact"
     reads_velocity = True
     has_curvature = True
     works = ("contact dashpots", "friction", "moving colliders")
+    bare: Any  # whether each particle touches, where `masked`
 
-    def __init__(self, scene, particles):
+    def __init__(self, scene: Scene, particles: Particles):
         self.particles, self.colliders = particles, self._sorted(scene.collider)
         self.lanes, self.Lanes = particles.memory.lanes, particles.memory.lane_vector
-        counts = [len(c.rows(0.0, 1.0)) for c in self.colliders]
-        ends = np.cumsum(counts)
-        self.in_passes = ends[-1] > FEW
         groups: list[Group] = []
-        for collider, count, end in zip(self.colliders, counts, ends, strict=True):
+        end = 0
+        for collider in self.colliders:
+            start, end = end, end + len(collider.rows(0.0, 1.0))
             if groups and groups[-1].signed_distance is collider.signed_distance:
-                groups[-1] = replace(groups[-1], stop=int(end))
+                groups[-1] = replace(groups[-1], stop=end)
             else:
-                groups.append(Group(collider.signed_distance, collider.core_entry, int(end - count), int(end)))
-        self.groups = tuple(groups)
+                groups.append(Group(collider.signed_distance, collider.core_entry, start, end))
+        self.groups, self.in_passes = tuple(groups), end > BROAD_PHASE_ABOVE
         self.law = ContactLaw(scene, particles.body, particles.memory, self.title)
         self.rubs = self.law.rubs
         self.rows = particles.memory.table(self.title, "surfaces", self._rows(0.0, scene.solver.frame_dt))
-        self.moving = (
-            any(c.keyframe for c in self.colliders)
-            or not np.array_equal(self._rows(0.0, 1.0), self._rows(1.0, 2.0))
-            or any(np.any(row[3:6]) for row in self._rows(0.0, 1.0))
-        )
+        now = self._rows(0.0, 1.0)
+        keyed = any(collider.keyframe for collider in self.colliders)
+        self.moving = keyed or bool(now[:, 3:6].any()) or not np.array_equal(now, self._rows(1.0, 2.0))
         self.masked = False
         self.surface_speed = 0.0
         if any(group.solid for group in groups):
@@ -80,12 +90,12 @@ class PenaltyContact(ParticleForce):
             self.sweep = Sweep(self, particles, self._swept(particles.body))
 
     @staticmethod
-    def _swept(body):
-        """(N,) whether a particle stands for what touches here."""
+    def _swept(body: Body) -> np.ndarray:
+        """(N,) bool: the particles that continuous collision detection is for."""
         return ~body.embedded
 
     @classmethod
-    def made_for(cls, scene, particles):
+    def made_for(cls, scene: Scene, particles: Particles) -> list["PenaltyContact"]:
         """For the particles of jellos without an embedded skin. The others touch with their skin (skin_penalty.py), and
         if they may come apart with the particles inside it as well."""
         body = particles.body
@@ -98,23 +108,23 @@ class PenaltyContact(ParticleForce):
             made.masked, made.bare = True, particles.memory.table(cls.title, "bare", bare)
         return [made]
 
-    def tuning(self):
+    def tuning(self) -> dict[str, Any]:
         return self.law.tuning()
 
-    def tune(self, name, value):
+    def tune(self, name: str, value: Any) -> None:
         self.law.tune(name, value)
 
     @staticmethod
-    def _sorted(colliders):
+    def _sorted(colliders: Sequence[Any]) -> list[Any]:
         kinds = list(dict.fromkeys(c.signed_distance for c in colliders))
         return sorted(colliders, key=lambda c: kinds.index(c.signed_distance))
 
-    def _rows(self, start, end):
+    def _rows(self, start: float, end: float) -> np.ndarray:
         rows = np.concatenate([c.moved_rows(start, end) for c in self.colliders])
         rows[:, :3] -= self.particles.origin
         return rows
 
-    def begin_frame(self, start, end):
+    def begin_frame(self, start: float, end: float) -> None:
         if self.moving:
             rows = self._rows(start, end)
             self.surface_speed = float(np.linalg.norm(rows[:, 3:6], axis=1).max())  # [m/s]
@@ -137,38 +147,83 @@ class PenaltyContact(ParticleForce):
         return nearest
 
     @ti.func
-    def push(self, law, p, u, t, share):
-        """The force [N] on a point at p that moves at u and stands for `share` of a particle of the surface."""
-        force = ti.Vector([0.0, 0.0, 0.0])
+    def add_surfaces(self, what: ti.template(), law, p, u, t, h, share, total: ti.template()):
+        """Add up `what` over the surfaces that a point at p, moving at u, is behind: see the following functions."""
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
                 touch = self.touch(group.signed_distance, r, p, t)
                 if touch[3] < 0.0:
                     n = ti.Vector([touch[0], touch[1], touch[2]])
-                    relative = u - ti.Vector([self.rows[r][3], self.rows[r][4], self.rows[r][5]])
-                    speed = relative.dot(n)
+                    own = ti.Vector([self.rows[r][3], self.rows[r][4], self.rows[r][5]])
+                    speed = (u - own).dot(n)
+                    slide = (u - own) - speed * n
                     pressed = pressure(-touch[3], speed, share * law[0], share * law[1])
-                    force += pressed * n
-                    if ti.static(self.rubs):
-                        force += rub(pressed, relative - speed * n, law[2], share * law[3])
-                    if ti.static(group.solid):  # noqa: SIM102 - decided when it is compiled
-                        if -touch[3] > 0.5 * self.sweep.depth:
-                            self.deep[0] = 1
+                    if ti.static(what == "force"):
+                        total += pressed * n
+                        if ti.static(self.rubs):
+                            total += rub(pressed, slide, law[2], share * law[3])
+                        if ti.static(group.solid):
+                            if -touch[3] > 0.5 * self.sweep.depth:
+                                self.deep[0] = 1
+                    elif ti.static(what == "block"):
+                        if pressed > 0.0:
+                            across = ti.cast(0.0, float)
+                            if ti.static(self.rubs):
+                                across = friction_slope(law[2] * pressed, slide, share * law[3]) / h
+                            total += block(across, share * (law[0] + law[1] / h), n)
+                    elif ti.static(what == "energy"):
+                        total += 0.5 * law[0] * touch[3] * touch[3]
+                    else:
+                        total[0] += (pressed + share * law[0] * touch[3]) * speed
+                        total[2] += pressed * n.dot(own)
+                        if ti.static(self.rubs):
+                            rubbed = rub(pressed, slide, law[2], share * law[3])
+                            total[1] += rubbed.dot(slide)
+                            total[2] += rubbed.dot(own)
+
+    @ti.func
+    def push(self, law, p, u, t, share):
+        """The force [N] on a point."""
+        force = ti.Vector([0.0, 0.0, 0.0])
+        self.add_surfaces("force", law, p, u, t, 1.0, share, force)
         return force
+
+    @ti.func
+    def stiffening(self, law, p, u, t, h, share):
+        """The block [N/m] of a point for a step of h [s]: (k + damping/h) nnᵀ while pressed, and across n the ratio of
+        friction and speed, at the pressure now."""
+        total = even_block(ti.cast(0.0, float))
+        self.add_surfaces("block", law, p, u, t, h, share, total)
+        return total
+
+    @ti.func
+    def losses(self, law, p, u, t, share):
+        """The power [W] of dashpots, of friction and of the surfaces' own motion at a point: (N - kδ)s, f · w and
+        (N n + f) · V, with pressure N, depth δ, speed s out of the surface, friction f, sliding velocity w and the
+        surface's velocity V."""
+        total = ti.Vector([0.0, 0.0, 0.0])
+        self.add_surfaces("power", law, p, u, t, 1.0, share, total)
+        return total
+
+    @ti.func
+    def touches(self, i):
+        """Whether particle i itself touches colliders, not a skin around it."""
+        bare = 1
+        if ti.static(self.masked):
+            bare = self.bare[i]
+        return bare
 
     @ti.func
     def on(self, i, x, v, t):
         force = ti.Vector([0.0, 0.0, 0.0])
-        if ti.static(self.masked):
-            if self.bare[i]:
-                force = self.push(self.law.of(i), x[i], v[i], t, 1.0)
-        else:
+        if self.touches(i):
             force = self.push(self.law.of(i), x[i], v[i], t, 1.0)
         return force
 
     @ti.func
     def on_pass(self, first, last, x, v, t, f):
-        """First, without a branch, how near each particle of the pass is to any surface; most passes are done then."""
+        """Broad phase: without a branch, the distance of each particle of the pass from all surfaces. Most passes touch
+        none and are done then."""
         nearest = self.Lanes(1.0)
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
@@ -183,88 +238,31 @@ class PenaltyContact(ParticleForce):
                     f[i] = f[i] + self.on(i, x, v, t)
 
     @ti.func
-    def stiffening(self, law, p, u, t, c, share):
-        """How such a point stiffens a step of length c [s]: (k + damping/c) nnᵀ while pressed, and across n the slope
-        of friction with the speed, at the pressure now."""
+    def curvature(self, i, x, v, t, h):
         total = even_block(ti.cast(0.0, float))
-        for group in ti.static(self.groups):
-            for r in range(group.start, group.stop):
-                touch = self.touch(group.signed_distance, r, p, t)
-                if touch[3] < 0.0:
-                    n = ti.Vector([touch[0], touch[1], touch[2]])
-                    relative = u - ti.Vector([self.rows[r][3], self.rows[r][4], self.rows[r][5]])
-                    speed = relative.dot(n)
-                    pressed = pressure(-touch[3], speed, share * law[0], share * law[1])
-                    if pressed > 0.0:
-                        across = ti.cast(0.0, float)
-                        if ti.static(self.rubs):
-                            slide, limit, grip = relative - speed * n, law[2] * pressed, share * law[3]
-                            slope = limit * grip / ti.sqrt(grip * grip * slide.dot(slide) + limit * limit + 1e-30)
-                            across = slope / c
-                        total += block(across, share * (law[0] + law[1] / c), n)
-        return total
-
-    @ti.func
-    def curvature(self, i, x, v, t, c):
-        total = even_block(ti.cast(0.0, float))
-        if ti.static(self.masked):
-            if self.bare[i]:
-                total = self.stiffening(self.law.of(i), x[i], v[i], t, c, 1.0)
-        else:
-            total = self.stiffening(self.law.of(i), x[i], v[i], t, c, 1.0)
+        if self.touches(i):
+            total = self.stiffening(self.law.of(i), x[i], v[i], t, h, 1.0)
         return total
 
     @ti.func
     def pressed_energy(self, law, p, t):
         """½ k depth² [J] of a point at p."""
         total = ti.cast(0.0, float)
-        for group in ti.static(self.groups):
-            for r in range(group.start, group.stop):
-                depth = ti.max(0.0, -self.touch(group.signed_distance, r, p, t)[3])
-                total += 0.5 * law[0] * depth * depth
-        return total
-
-    @ti.func
-    def losses(self, law, p, u, t, share):
-        """The power [W] of dashpots, of friction and of the surfaces' own motion at a point, as in `push`: (p - kδ)s,
-        rub · w and (p n + rub) · V for a pressure p, speeds s out of the surface and w across, and V the surface's."""
-        total = ti.Vector([0.0, 0.0, 0.0])
-        for group in ti.static(self.groups):
-            for r in range(group.start, group.stop):
-                touch = self.touch(group.signed_distance, r, p, t)
-                if touch[3] < 0.0:
-                    n = ti.Vector([touch[0], touch[1], touch[2]])
-                    own = ti.Vector([self.rows[r][3], self.rows[r][4], self.rows[r][5]])
-                    relative = u - own
-                    speed = relative.dot(n)
-                    pressed = pressure(-touch[3], speed, share * law[0], share * law[1])
-                    total[0] += (pressed + share * law[0] * touch[3]) * speed
-                    total[2] += pressed * n.dot(own)
-                    if ti.static(self.rubs):
-                        slide = relative - speed * n
-                        rubbed = rub(pressed, slide, law[2], share * law[3])
-                        total[1] += rubbed.dot(slide)
-                        total[2] += rubbed.dot(own)
+        self.add_surfaces("energy", law, p, p, t, 1.0, 1.0, total)
         return total
 
     @ti.func
     def powers(self, i, x, v, t):
-        total = self.losses(self.law.of(i), x[i], v[i], t, 1.0)
-        if ti.static(self.masked):
-            total *= self.bare[i]
-        return total
+        return self.touches(i) * self.losses(self.law.of(i), x[i], v[i], t, 1.0)
 
     @ti.func
     def energy(self, i, x, t):
-        total = self.pressed_energy(self.law.of(i), x[i], t)
-        if ti.static(self.masked):
-            total *= self.bare[i]
-        return total
+        return self.touches(i) * self.pressed_energy(self.law.of(i), x[i], t)
 
-    def rates(self):
-        """Friction's force follows the depth too, which turns k into k√(1 + μ²); its viscous part counts as damping
-        across the normal, where the dashpot does not act."""
-        together, law = self._most_at_once(), self.law
+    def rates(self) -> Rates:
+        """Friction follows the depth too, which turns k into k√(1 + μ²); its viscous part counts as damping across the
+        normal, where the dashpot does not act."""
+        together, law = self._pressing_at_once(), self.law
         sideways = law.grip if law.rubs else np.zeros_like(law.damping)
         return Rates(
             squared_frequency=together * hypot(1.0, law.friction) * self.steepest(law.stiffness),
@@ -272,23 +270,19 @@ class PenaltyContact(ParticleForce):
             damping_time=law.damping_time,
         )
 
-    def steepest(self, each):
+    def steepest(self, each: np.ndarray) -> float:
         """The most that springs (J,) [N/m] at the particles of each jello can be over mass [1/s²]."""
         body = self.particles.body
         return float((each[body.jello] / body.mass).max())
 
-    def _most_at_once(self):
+    def _pressing_at_once(self) -> int:
         """How many colliders can press one particle along one direction at once. The planes of one room are square
         to each other (opposite ones cannot meet), and two still spheres apart from each other never do."""
-        apart = [[self._never_meet(a, b) for b in self.colliders] for a in self.colliders]
-        return max(sum(not apart[i][j] for j in range(len(apart))) for i in range(len(apart)))
+        return max(sum(not self._never_meet(a, b) for b in self.colliders) for a in self.colliders)
 
     @staticmethod
-    def _never_meet(a, b):
-        reach = getattr(a, "radius", None), getattr(b, "radius", None)
-        if None in reach:
+    def _never_meet(a: Any, b: Any) -> bool:
+        if not (hasattr(a, "radius") and hasattr(b, "radius")) or a.keyframe or b.keyframe:
             return False
-        still = not (a.keyframe or b.keyframe) and all(
-            np.array_equal(s.place(0.0), s.place(time)) for s in (a, b) for time in (0.37, 1.0)
-        )
-        return still and np.linalg.norm(a.place(0.0) - b.place(0.0)) > sum(reach)
+        still = all(np.array_equal(s.place(0.0), s.place(time)) for s in (a, b) for time in (0.37, 1.0))
+        return still and bool(np.linalg.norm(a.place(0.0) - b.place(0.0)) > a.radius + b.radius)

@@ -1,29 +1,33 @@
-"""Swept collision: what would go through a thin solid within one step is stopped before it.
+"""Continuous collision detection: no particle passes through a thin solid within one step.
 
-A solid that can be passed through has a core (see `core_entry` in physics/colliders), and no particle enters it.
-Contact pushes out of the shell around the core towards the side that the particle came from; what comes too fast or too
-hard for contact meets the core. There a particle loses its speed into the solid, as in an inelastic impact, and is put
-back to the side where it came from. An explicit step is so short that this hardly strains its springs. In an implicit
-one a stiff jello may come far: then all of it is moved back as it is, so that no energy is put into the springs.
+A thin solid has a core (see `core_entry` in physics/colliders) that no particle enters. Penalty contact acts in the
+shell around it, towards the side that the particle came from; what is too fast or pressed too hard reaches the core.
+There the impact is inelastic and the particle is put back to that side. An explicit step is so short that this hardly
+strains its springs. In an implicit step a stiff jello may move far: then all of it is moved back by the same vector, so
+that the springs gain no energy.
 """
+
+from typing import Any
 
 import numpy as np
 import taichi as ti
 
-SHORT = 0.9  # of the way to the core that a particle goes: who comes later stays behind, nothing is squashed flat
+from taichi_jello.physics.particles import Particles
+
+WAY_LEFT = 0.9  # of the way to the core that a particle keeps: later ones stop behind it, so none are squashed flat
 GAP = 0.01  # of a core's depth: how near to it a particle may stop, so that rounding puts none into it
-CALM = 0.125  # of a core's depth: if no particle moves farther in one step, none can pass before the next frame
+SAFE_WAY = 0.125  # of a core's depth: if no particle moves farther in one step, none can pass before the next frame
 
 
 @ti.data_oriented
 class Sweep:
-    """Over the cores of the surfaces of one contact force, for the particles that `guarded` (N,) bool names.
+    """The cores of the surfaces of one contact force, for the particles `guarded` (N,) bool.
 
-    `stop` costs nothing but a look at two flags while nothing is fast enough and nothing is pressed in deep. `whole`,
-    for implicit steps: look in every step, since one may be a frame long, and move jellos back as wholes.
+    `stop` only reads two flags while nothing is fast enough and nothing is pressed in deep. `whole`, for implicit
+    steps: test in every step, since one may be a frame long, and move jellos back as wholes.
     """
 
-    def __init__(self, contact, particles, guarded: np.ndarray):
+    def __init__(self, contact: Any, particles: Particles, guarded: np.ndarray):
         memory, body = particles.memory, particles.body
         self.contact, self.particles, self.whole = contact, particles, False
         self.groups = tuple(group for group in contact.groups if group.solid)
@@ -34,17 +38,17 @@ class Sweep:
             self.guarded = memory.table("sweep", "guarded", padded)
         if self.several:
             self.jello_of = memory.table("sweep", "jello", body.jello)
-        # Whether particles are fast, and whether any has met a core.
+        # Flags: particles are fast; a particle has met a core.
         self.fast, self.met = (memory.table("sweep", name, np.zeros(1, np.int32)) for name in ("fast", "met"))
-        # Along each axis the farthest that a particle of each jello has to be put back: forwards, and backwards.
+        # Along each axis the largest correction of a particle of each jello: forwards, and backwards.
         self.jellos = int(body.jello.max()) + 1
         self.back = memory.table("sweep", "back", np.zeros((2 * self.jellos, 3)))
         self._fast = 0
 
-    def look_out(self, v: np.ndarray, dt: float) -> None:
-        """Before steps of dt [s] from velocities v (N, 3) [m/s]: whether any particle may pass a core in one."""
+    def check_speed(self, v: np.ndarray, dt: float) -> None:
+        """Before steps of dt [s] from velocities v (N, 3) [m/s]: find whether any particle may pass a core in one."""
         speed = float(np.einsum("ij,ij->i", v, v).max()) ** 0.5 + self.contact.surface_speed
-        fast = int(self.whole or not speed * dt <= CALM * self.depth)
+        fast = int(self.whole or not speed * dt <= SAFE_WAY * self.depth)
         if fast != self._fast:
             self.fast[0] = self._fast = fast
 
@@ -57,8 +61,8 @@ class Sweep:
 
     @ti.func
     def first_entry(self, i, a, b, t, dt):
-        """Of particle i on its way from a to b from t to t + dt: the normal of the core it enters first, the fraction
-        of the way until then, 2 if it enters none, and the velocity of that surface."""
+        """Of particle i on its way from a to b from t to t + dt: the normal of the first core that it enters, the
+        fraction of the way until then (2 if it enters none) and the velocity of that surface."""
         found, u = ti.Vector([0.0, 0.0, 0.0, 2.0]), ti.Vector([0.0, 0.0, 0.0])
         guarded = 1
         if ti.static(self.picky):
@@ -86,7 +90,7 @@ class Sweep:
             if hit[3] <= 1.0:
                 n, u = ti.Vector([hit[0], hit[1], hit[2]]), ti.Vector([hit[4], hit[5], hit[6]])
                 depth = -(x[i] - before - dt * u).dot(n)
-                back = ((1.0 - hit[3]) * depth + ti.max((1.0 - SHORT) * hit[3] * depth, GAP * self.depth)) * n
+                back = ((1.0 - hit[3]) * depth + ti.max((1.0 - WAY_LEFT) * hit[3] * depth, GAP * self.depth)) * n
                 push = -ti.min(0.0, (v[i] - u).dot(n)) * n
                 if ti.static(system.books):
                     system.ledger.book_impact(i, self.particles.mass(i), v[i], push)
@@ -98,7 +102,7 @@ class Sweep:
                         ti.atomic_min(self.back[2 * self.jello(i) + 1][axis], back[axis])
                 else:
                     x[i] = x[i] + back
-        system.wait_for_team()  # until all have been looked at
+        system.wait_for_team()  # until all are tested
         met = self.met[0]
         if ti.static(self.whole):
             until = ti.select(met > 0, last, first)

@@ -6,9 +6,12 @@ import taichi as ti
 from taichi_jello.physics.forces._base import even_block
 from taichi_jello.physics.forces.collider_contact.collider_penalty import PenaltyContact
 from taichi_jello.physics.forces.contact_law import shares
+from taichi_jello.physics.particles import Particles
+from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import Scene
 
 
-def steepest(mass, corners, weights, share):
+def steepest(mass: np.ndarray, corners: np.ndarray, weights: np.ndarray, share: np.ndarray) -> float:
     """How stiff unit springs at points Σ weight · x[corner] can be, over mass [1/kg]: the matrix M^-½ Wᵀ S W M^-½ of
     the weights W (V, 8) and shares S (V,) has no negative entry, so no eigenvalue exceeds its largest row sum."""
     root = 1.0 / np.sqrt(mass)
@@ -18,48 +21,47 @@ def steepest(mass, corners, weights, share):
 
 @ti.data_oriented
 class SkinContact(PenaltyContact):
-    """What PenaltyContact does to particles, done to points Σ w x of skins. `prepare` goes over the cells that hold
-    skin: where a cell may touch, it sums the forces on its points, each times its weight, for each of the eight
-    corners. Then every particle takes the sums of the cells around it, in a fixed order."""
+    """Contact as in PenaltyContact, at points Σ w x of skins. `prepare` goes over the cells that hold skin: in a cell
+    that may touch, it sums the forces on its points, each times its weight, for each of the eight corners. Then every
+    particle takes the sums of the cells around it, in a fixed order."""
 
     title = "skin contact"
     prepares = True
 
-    def __init__(self, scene, particles):
+    def __init__(self, scene: Scene, particles: Particles):
         super().__init__(scene, particles)
         self.in_passes = False
         body, memory = particles.body, particles.memory
         cells, cell = np.unique(body.skin_corners, axis=0, return_inverse=True)
         cell = cell.ravel()
         order, self.points = np.argsort(cell, kind="stable"), len(cells)
-        self.share = share = shares(body)
+        self.share = shares(body)
         place = body.skin_weights @ np.array([[k >> 2, k >> 1 & 1, k & 1] for k in range(8)])
         by_particle = np.argsort(cells.ravel(), kind="stable")
-        tables = {
-            "corners": cells,
-            "start": np.searchsorted(cell[order], np.arange(len(cells) + 1)),
-            "skin": np.column_stack([place, share])[order],  # place in the cell, 0 to 1 along each side; share
-            "first": np.searchsorted(cells.ravel()[by_particle], np.arange(len(body) + 1)),
-            "around": by_particle,  # 8 cell + corner, for each particle
-            "near": np.zeros(len(cells), np.int32),
-            "forces": np.zeros((8 * len(cells), 3)),
-        }
-        for name, values in tables.items():
-            setattr(self, name, memory.table(self.title, name, values))
+        # Place in the cell, 0 to 1 along each side; share.
+        skin = np.column_stack([place, self.share])[order]
+        self.corners = memory.table(self.title, "corners", cells)
+        self.start = memory.table(self.title, "start", np.searchsorted(cell[order], np.arange(len(cells) + 1)))
+        self.skin = memory.table(self.title, "skin", skin)
+        first = np.searchsorted(cells.ravel()[by_particle], np.arange(len(body) + 1))
+        self.first = memory.table(self.title, "first", first)
+        self.around = memory.table(self.title, "around", by_particle)  # 8 cell + corner, for each particle
+        self.near = memory.table(self.title, "near", np.zeros(len(cells), np.int32))
+        self.forces = memory.table(self.title, "forces", np.zeros((8 * len(cells), 3)))
 
     @classmethod
-    def made_for(cls, scene, particles):
+    def made_for(cls, scene: Scene, particles: Particles) -> list[PenaltyContact]:
         wanted = scene.collider and scene.contact.stiffness != 0.0 and len(particles.body.skin_corners)
         return [cls(scene, particles)] if wanted else []
 
-    def steepest(self, each):
+    def steepest(self, each: np.ndarray) -> float:
         body = self.particles.body
         share = self.share * each[body.jello[body.skin_corners[:, 0]]]
         return steepest(body.mass, body.skin_corners, body.skin_weights, share)
 
     @staticmethod
-    def _swept(body):
-        """Particles inside a skin stand for it; the others are its scaffold."""
+    def _swept(body: Body) -> np.ndarray:
+        """Particles inside a skin stand for it; the others only carry it."""
         return body.embedded & body.inside
 
     @ti.func
@@ -71,17 +73,23 @@ class SkinContact(PenaltyContact):
         return w
 
     @ti.func
+    def at_point(self, q, cell, x):
+        """Σ w x, the value of a field at the skin's point q in a cell."""
+        p = ti.Vector([0.0, 0.0, 0.0])
+        for k in ti.static(range(8)):
+            p += self.weight(k, self.skin[q]) * x[self.corners[cell][k]]
+        return p
+
+    @ti.func
     def may_touch(self, cell, x, t):
         """Whether a surface is nearer to one corner than the farthest other corner is: else none reaches a point
         between the corners, since distances to a surface differ by no more than the way from point to point."""
         corners = self.corners[cell]
-        p = x[corners[0]]
-        reach = ti.cast(0.0, float)
+        p, squared_reach = x[corners[0]], ti.cast(0.0, float)
         for k in ti.static(range(1, 8)):
             way = x[corners[k]] - p
-            reach = ti.max(reach, way.dot(way))
-        reach = ti.sqrt(reach)
-        return ti.select(self.gap(p, t) <= reach, 1, 0)
+            squared_reach = ti.max(squared_reach, way.dot(way))
+        return ti.select(self.gap(p, t) <= ti.sqrt(squared_reach), 1, 0)
 
     @ti.func
     def prepare(self, first, last, x, v, t):
@@ -89,16 +97,12 @@ class SkinContact(PenaltyContact):
             near = self.may_touch(cell, x, t)
             self.near[cell] = near
             if near:
-                corners, sums = self.corners[cell], ti.Matrix.zero(float, 8, 3)
+                law, sums = self.law.of(self.corners[cell][0]), ti.Matrix.zero(float, 8, 3)
                 for q in range(self.start[cell], self.start[cell + 1]):
-                    at, p, u = self.skin[q], ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
-                    for k in ti.static(range(8)):
-                        p += self.weight(k, at) * x[corners[k]]
-                        u += self.weight(k, at) * v[corners[k]]
-                    force = self.push(self.law.of(corners[0]), p, u, t, at[3])
+                    force = self.push(law, self.at_point(q, cell, x), self.at_point(q, cell, v), t, self.skin[q][3])
                     for k in ti.static(range(8)):
                         for axis in ti.static(range(3)):
-                            sums[k, axis] += self.weight(k, at) * force[axis]
+                            sums[k, axis] += self.weight(k, self.skin[q]) * force[axis]
                 for k in ti.static(range(8)):
                     self.forces[8 * cell + k] = ti.Vector([sums[k, 0], sums[k, 1], sums[k, 2]])
 
@@ -111,51 +115,41 @@ class SkinContact(PenaltyContact):
         return force
 
     @ti.func
-    def curvature(self, i, x, v, t, c):
+    def curvature(self, i, x, v, t, h):
         """The eight weights of a point sum to one, so w times its block bounds what ties this corner to the others."""
         total = even_block(ti.cast(0.0, float))
         for e in range(self.first[i], self.first[i + 1]):
             cell, own = self.around[e] // 8, self.around[e] % 8
             if self.near[cell]:
-                corners = self.corners[cell]
                 for q in range(self.start[cell], self.start[cell + 1]):
-                    at, p, u = self.skin[q], ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
                     share = ti.cast(0.0, float)
                     for k in ti.static(range(8)):
-                        w = self.weight(k, at)
-                        p += w * x[corners[k]]
-                        u += w * v[corners[k]]
-                        share += w * (own == k)
-                    total += share * self.stiffening(self.law.of(i), p, u, t, c, at[3])
+                        share += self.weight(k, self.skin[q]) * (own == k)
+                    p, u = self.at_point(q, cell, x), self.at_point(q, cell, v)
+                    total += share * self.stiffening(self.law.of(i), p, u, t, h, self.skin[q][3])
         return total
+
+    @ti.func
+    def sum_over_own_points(self, i, term: ti.template(), x, v, t, zero):
+        """Over the points of the cells that have particle i for their first corner."""
+        total = zero
+        for e in range(self.first[i], self.first[i + 1]):
+            if self.around[e] % 8 == 0:
+                cell = self.around[e] // 8
+                for q in range(self.start[cell], self.start[cell + 1]):
+                    total += term(
+                        self.law.of(i), self.at_point(q, cell, x), self.at_point(q, cell, v), t, self.skin[q][3]
+                    )
+        return total
+
+    @ti.func
+    def energy_of(self, law, p, u, t, share):
+        return share * self.pressed_energy(law, p, t)
 
     @ti.func
     def energy(self, i, x, t):
-        """A cell's energy is booked by its first corner."""
-        total = ti.cast(0.0, float)
-        for e in range(self.first[i], self.first[i + 1]):
-            if self.around[e] % 8 == 0:
-                cell = self.around[e] // 8
-                corners = self.corners[cell]
-                for q in range(self.start[cell], self.start[cell + 1]):
-                    at, p = self.skin[q], ti.Vector([0.0, 0.0, 0.0])
-                    for k in ti.static(range(8)):
-                        p += self.weight(k, at) * x[corners[k]]
-                    total += at[3] * self.pressed_energy(self.law.of(i), p, t)
-        return total
+        return self.sum_over_own_points(i, self.energy_of, x, x, t, ti.cast(0.0, float))
 
     @ti.func
     def powers(self, i, x, v, t):
-        """A cell's powers are booked by its first corner."""
-        total = ti.Vector([0.0, 0.0, 0.0])
-        for e in range(self.first[i], self.first[i + 1]):
-            if self.around[e] % 8 == 0:
-                cell = self.around[e] // 8
-                corners = self.corners[cell]
-                for q in range(self.start[cell], self.start[cell + 1]):
-                    at, p, u = self.skin[q], ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
-                    for k in ti.static(range(8)):
-                        p += self.weight(k, at) * x[corners[k]]
-                        u += self.weight(k, at) * v[corners[k]]
-                    total += self.losses(self.law.of(i), p, u, t, at[3])
-        return total
+        return self.sum_over_own_points(i, self.losses, x, v, t, ti.Vector([0.0, 0.0, 0.0]))

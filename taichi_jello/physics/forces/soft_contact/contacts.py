@@ -139,7 +139,7 @@ class Contacts(Ropes):
         met = 0
         if ti.static(self.has_solid):
             met = self.find_solid(q, met, v, ahead)
-        if ti.static(self.has_thin):  # noqa: SIM102 - decided when it is compiled
+        if ti.static(self.has_thin):
             if not self.is_between_points_of_a_rope(q):
                 met = self.find_thin(q, met, v, ahead)
         self.own[q] = met
@@ -186,7 +186,7 @@ class Contacts(Ropes):
     @ti.func
     def tell(self, a, b, depth, core):
         """Have the brake know of a point of jello a that is `depth` [m] in b, which has its core there."""
-        if ti.static(self.can_brake):  # noqa: SIM102
+        if ti.static(self.can_brake):
             if depth > core:
                 self.brake.notice(a, b)
 
@@ -239,12 +239,12 @@ class Contacts(Ropes):
                 touches = distance < apart + ahead * ti.abs(outwards)
                 self.core[contact], self.share[contact] = 2.0 * CORE * apart, 1.0
                 late = LATE * self.core[contact]
-                if ti.static(self.has_thin_pairs):  # noqa: SIM102
+                if ti.static(self.has_thin_pairs):
                     if self.too_fast(own, other, -outwards):
                         late = 0.0
                 if self.are_ropes(own, other):
                     self.share[contact] = TWICE
-                    if ti.static(self.can_brake and self.near.has_lines):  # noqa: SIM102
+                    if ti.static(self.can_brake and self.near.has_lines):
                         if apart - distance > late:
                             self.brake.notice_side(own, other, n)
                 self.tell(own, other, apart - distance, late)

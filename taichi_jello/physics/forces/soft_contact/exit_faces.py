@@ -58,7 +58,7 @@ class Exits:
         between two that are compact at least LEAST."""
         p, a = self.place[q], self.there[self.near.nodes[e][0]]
         out = p - self.there[self.inner[q]]
-        if ti.static(self.sampled):  # noqa: SIM102 - decided when it is compiled
+        if ti.static(self.sampled):
             if q >= self.near.first_sample:  # the way into the body is that from the particle beside it
                 out = self.there[self.near.points[q]] - self.there[self.inner[q]]
         same, first, least, way = 0, 0, ti.cast(FAR, float), self.way[e]
@@ -88,7 +88,7 @@ class Exits:
                         best, corners, weights = found, its_corners, its_weights
         fewest = ti.select(self.both_compact(q, e), LEAST, 0.0)
         counts = ti.math.clamp((nearest / ti.max(best, TINY)) ** 2, fewest, 1.0)
-        if ti.static(self.near.skinned):  # noqa: SIM102
+        if ti.static(self.near.skinned):
             if self.way[e][0] == 0.0 and self.is_outside(p, corners):
                 best = FAR
         return best, corners, weights, counts
@@ -98,7 +98,7 @@ class Exits:
         """The side, as a bit, by which point q is to leave cell e for the sake of the two bodies' middles, if the place
         found on a triangle, `best` [m] away, leads against the way from one to the other."""
         sides = 0
-        if ti.static(self.some_compact):  # noqa: SIM102 - decided when it is compiled
+        if ti.static(self.some_compact):
             if self.both_compact(q, e) and best < FAR:
                 c = self.heart(self.near.jello[self.near.points[q]]) - self.heart(self.near.owner[e])
                 if self.leads(self.place[q], corners, weights, c) < -ASIDE:

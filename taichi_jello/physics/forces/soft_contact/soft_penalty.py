@@ -103,7 +103,7 @@ class Touch(MutualForce):
         )
 
     @ti.func
-    def look(self, r: ti.template(), system, first, last, x, v, ahead):
+    def find_contacts(self, r: ti.template(), system, first, last, x, v, ahead):
         self.contacts.look(r, system, first, last, x, v, ahead)
 
     @ti.func

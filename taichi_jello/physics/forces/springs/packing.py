@@ -1,13 +1,13 @@
 """The spring network as each particle sees it, packed in blocks of neighbouring particles (NumPy only).
 
-A particle sums its own springs, in a fixed order: no atomics, the same bits every time. Particles are taken in
-blocks of LANES. For a block, all springs that lead from particle i to i + shift with the same material make ONE
-entry: the shift, the material and a mask of the particles that have such a spring. On a lattice a block has about
-32 nearly full entries, so the table is small (12 bytes a particle) and a loop over a block's particles reads
-neighbouring memory, which the compiler turns into vector code. Any other network works too, with emptier masks.
+A particle sums its own springs, in a fixed order: no atomics, the same bits every time. A block is LANES particles.
+All springs of a block from particle i to i + shift with the same material make one entry: the shift, the material and
+a mask of the particles that have such a spring. On a lattice a block has about 32 nearly full entries, so the table is
+small (12 bytes a particle) and a loop over a block's particles reads neighbouring memory, which the compiler turns
+into vector code. Any other network works too, with emptier masks.
 
-Where springs differ one by one (a painted stiffness, a body that yields or tears), entries of one material each would
-be nearly empty. Then an entry holds all springs of its shift, and each of its LANES places has a material of its own.
+Where springs differ one by one (a painted stiffness, a body that yields or tears), entries of one material would be
+nearly empty. Then an entry holds all springs of its shift, and each of its LANES places has a material of its own.
 """
 
 from dataclasses import dataclass
@@ -17,8 +17,8 @@ import numpy as np
 from taichi_jello.physics.state import LANES
 from taichi_jello.scene.body import Body
 
-MANY = 256  # materials up to which no thought is given to whether sharing them pays
-CROWDED = 2.0  # entries of one material each, for one of a shift, from which on it does not
+ALWAYS_SHARED = 256  # materials, up to which entries are always of one material
+TOO_MANY_ENTRIES = 2.0  # of one material each, for each shift: then sharing materials does not pay
 
 
 @dataclass(frozen=True)
@@ -38,13 +38,13 @@ class GatherTable:
 
 
 def reach(body: Body) -> int:
-    """How far from a block's particles the gather reads."""
+    """How many places beyond a block the kernels read."""
     far = int(np.max(body.springs[:, 1] - body.springs[:, 0])) if len(body.springs) else 0
     return far + LANES if far else 0
 
 
 def distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The different rows and, for each row, which of them it is; by a hash, checked, since sorting rows is slow."""
+    """np.unique of rows and its inverse, by a checked hash, since sorting rows is slow."""
     weights = np.random.default_rng(1).uniform(1.0, 2.0, rows.shape[1])
     _, first, which = np.unique(rows @ weights, return_index=True, return_inverse=True)
     if not np.array_equal(rows[first][which], rows):
@@ -67,7 +67,7 @@ def pack(body: Body, apart: np.ndarray | None = None, single: bool = False) -> G
         shared, which = distinct_rows(rows)
         material = np.concatenate([which, which + len(shared)])
         key = place * (2 * len(shared)) + material
-        single = len(shared) > MANY and len(np.unique(key)) > CROWDED * len(np.unique(place))
+        single = len(shared) > ALWAYS_SHARED and len(np.unique(key)) > TOO_MANY_ENTRIES * len(np.unique(place))
     if single:
         key = place * len(rows) + _rank(owner * (2 * far + 1) + shift + far)  # two springs may join the same pair
     per_place = len(rows) if single else 2 * len(shared)
@@ -96,8 +96,6 @@ def pack(body: Body, apart: np.ndarray | None = None, single: bool = False) -> G
 def _rank(key: np.ndarray) -> np.ndarray:
     """(n,) how many equal keys stand before each."""
     order = np.argsort(key, kind="stable")
-    ordered = key[order]
-    first = np.concatenate([[True], ordered[1:] != ordered[:-1]])
     rank = np.empty(len(key), np.int64)
-    rank[order] = np.arange(len(key)) - np.maximum.accumulate(np.where(first, np.arange(len(key)), 0))
+    rank[order] = np.arange(len(key)) - np.searchsorted(key[order], key[order])
     return rank

@@ -1,4 +1,4 @@
-"""The springs' numbers as keyframes, creep and tearing have made them at a moment (NumPy only)."""
+"""The springs' numbers at a moment, as keyframes, creep and tearing have changed them (NumPy only)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ LOOSE = 0.1  # of its stiffness, below which a jello that melts may come apart
 
 
 @dataclass(frozen=True)
-class Law:
+class SpringState:
     """stiffness [N/m], rest_length [m] and damping [N·s/m] (S,) of all springs; whole (S,): not torn, None if none
     can be."""
 
@@ -28,6 +28,11 @@ class Law:
         """(S,) ½ k (|d| - R)² [J] with the particles at x (N, 3) [m]."""
         return 0.5 * self.stiffness * (lengths(body, x) - self.rest_length) ** 2
 
+    def equals(self, other: "SpringState") -> bool:
+        """Whether all springs have the same numbers."""
+        pairs = [(getattr(self, name), getattr(other, name)) for name in ("stiffness", "rest_length", "damping")]
+        return all(p is q or np.array_equal(p, q) for p, q in pairs)
+
 
 def lengths(body: Body, x: np.ndarray) -> np.ndarray:
     """(S,) of the springs [m], in float64."""
@@ -36,9 +41,9 @@ def lengths(body: Body, x: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("ij,ij->i", d, d))
 
 
-def law_at(scene: Scene, body: Body, time: float, memory: Memory) -> Law:
-    """The law at `time` [s]. memory: "rest_length" (S,), where springs have taken on lengths of their own, and
-    "whole" (S,), where springs may be torn."""
+def springs_at(scene: Scene, body: Body, time: float, memory: Memory) -> SpringState:
+    """The springs at `time` [s]. memory: "rest_length" (S,), where rest lengths have changed, and "whole" (S,), where
+    springs can tear."""
     rest, whole = memory.get("rest_length", body.rest_length), memory.get("whole")
     stiffness, damping = body.stiffness, body.damping
     if any(jello.keyframe for jello in scene.jello):
@@ -47,12 +52,11 @@ def law_at(scene: Scene, body: Body, time: float, memory: Memory) -> Law:
         rest = rest * by_jello(scene, body, [factor(j.keyframe, "rest_length", time) for j in scene.jello])
     if whole is not None:
         stiffness, damping = stiffness * whole, damping * whole
-    return Law(stiffness, rest, damping, whole)
+    return SpringState(stiffness, rest, damping, whole)
 
 
 def loose(scene: Scene) -> np.ndarray:
-    """(J,) bool: jellos that may tear or melt, whose springs may come to hold nothing together: particles inside them
-    must not rely on the surface around them."""
+    """(J,) bool: jellos that may tear or melt, so that particles inside may leave the surface around them."""
     return np.array([j.tear_strain > 0.0 or least(j.keyframe, "stiffness") < LOOSE for j in scene.jello])
 
 
@@ -64,19 +68,15 @@ def by_jello(scene: Scene, body: Body, values: list[float]) -> np.ndarray:
 def strongest(scene: Scene, body: Body) -> tuple[np.ndarray, np.ndarray, float]:
     """The largest stiffness and damping (S,) that each spring ever has, and the least ratio damping/stiffness [s] of
     any at any time: between two keyframes the ratio of two linear functions lies between those at its ends."""
-    stiff = body.stiffness > 0.0
-    ratio = np.divide(body.damping, body.stiffness, out=np.full(len(stiff), np.inf), where=stiff)
+    ratio = np.divide(body.damping, body.stiffness, out=np.full(len(body.springs), np.inf), where=body.stiffness > 0.0)
     if not any(jello.keyframe for jello in scene.jello):
         return body.stiffness, body.damping, float(ratio.min(initial=np.inf))
     stiffness = body.stiffness * by_jello(scene, body, [largest(j.keyframe, "stiffness") for j in scene.jello])
     damping = body.damping * by_jello(scene, body, [largest(j.keyframe, "damping") for j in scene.jello])
-    least = []
-    for jello in scene.jello:
-        at = [
-            (factor(jello.keyframe, "stiffness", k.time), factor(jello.keyframe, "damping", k.time))
-            for k in jello.keyframe
-        ]
-        least.append(min((c / k for k, c in at or [(1.0, 1.0)] if k > 0.0), default=np.inf))
+    smallest = []
+    for path in (jello.keyframe for jello in scene.jello):
+        at = [tuple(factor(path, name, row.time) for name in ("stiffness", "damping")) for row in path] or [(1.0, 1.0)]
+        smallest.append(min((c / k for k, c in at if k > 0.0), default=np.inf))
     with np.errstate(invalid="ignore"):  # an undamped spring that is never stiff: 0 · ∞
-        ratio = np.nan_to_num(ratio * by_jello(scene, body, least), nan=np.inf, posinf=np.inf)
+        ratio = np.nan_to_num(ratio * by_jello(scene, body, smallest), nan=np.inf, posinf=np.inf)
     return stiffness, damping, float(ratio.min(initial=np.inf))

@@ -107,7 +107,7 @@ class Neighbours(Margins):
     def at(self, q, x):
         """What the point q has of a field x of the particles."""
         p = x[self.points[q]]
-        if ti.static(self.skinned):  # noqa: SIM102
+        if ti.static(self.skinned):
             if q >= self.bare:
                 p *= 0.0
                 for k in range(8):
@@ -125,11 +125,11 @@ class Neighbours(Margins):
         """How far from its way point q, with half of the segments beside it, may touch before the lists are made
         again."""
         reach = self.margin[self.points[q]]
-        if ti.static(self.skinned):  # noqa: SIM102
+        if ti.static(self.skinned):
             if q >= self.bare:
                 for k in range(8):
                     reach = ti.max(reach, self.margin[self.corners[q - self.bare][k]])
-        if ti.static(self.has_lines):  # noqa: SIM102
+        if ti.static(self.has_lines):
             if self.is_rope[self.jello[self.points[q]]]:
                 half = ti.cast(0.0, float)
                 for k in ti.static(range(2)):
@@ -288,7 +288,7 @@ class Neighbours(Margins):
     def _may_touch(self, q, n, own):
         """Whether point q may touch any element of leaf n, of its own jello or not."""
         any_may = True
-        if ti.static(self.with_self):  # noqa: SIM102 - decided when it is compiled
+        if ti.static(self.with_self):
             if own:
                 any_may = False
                 for place in range(self.tree_first[n], self.tree_last[n]):
@@ -300,7 +300,7 @@ class Neighbours(Margins):
         """Whether point q meets the jello of element e; of its own all but what is near in the undeformed body."""
         own = self.owner[e] == self.jello[self.points[q]]
         apart = ti.static(self.others) and not own
-        if ti.static(self.with_self):  # noqa: SIM102
+        if ti.static(self.with_self):
             if own and self.alone[self.owner[e]] == 1:
                 distance = (self.rest[self.points[q]] - self.rest[self.nodes[e][0]]).norm()
                 apart = distance > self.apart[self.owner[e]]
