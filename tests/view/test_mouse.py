@@ -7,7 +7,6 @@ import pytest
 from still import Still, cube_scene, grab_at
 
 from taichi_jello.physics.colliders.sphere import Sphere
-from taichi_jello.scene.description import SHOWS
 from taichi_jello.view.window.overlay import overlay
 from taichi_jello.view.window.viewer import Viewer
 
@@ -27,15 +26,15 @@ def test_the_eye_stays_above_the_floor_and_o_brings_the_first_view_back(viewer):
     start = viewer.viewpoint.eye.copy()
     for _ in range(50):
         viewer.drag("right", 0.02, 0.05)
-        viewer.handle_key("s")
+        viewer.grabbedle_key("s")
         assert viewer.viewpoint.eye[1] > 0.0
         assert np.isfinite(viewer.viewpoint.axes()).all()
-    viewer.handle_key("o")
+    viewer.grabbedle_key("o")
     assert viewer.viewpoint.eye == pytest.approx(start)
 
 
 def test_the_left_button_grabs_the_jello_and_the_target_follows_the_cursor(viewer):
-    viewer.handle_key(" ")  # also while paused
+    viewer.grabbedle_key(" ")  # also while paused
     at, eye = grab_at(viewer), viewer.viewpoint.eye.copy()
     held = viewer.simulation.held
     assert held.target == pytest.approx([0.0, 0.5, 0.5], abs=1e-6) == held.point
@@ -48,18 +47,18 @@ def test_the_left_button_grabs_the_jello_and_the_target_follows_the_cursor(viewe
     viewer.release("right")
     assert viewer.simulation.held is held
     viewer.release("left")
-    assert viewer.simulation.held is None and viewer.hand is None
+    assert viewer.simulation.held is None and viewer.grabbed is None
 
 
 def test_shift_pulls_along_the_line_of_sight(viewer):
     at = grab_at(viewer)
     before = viewer.simulation.held.target.copy()
-    viewer.move((at[0], at[1] - 100.0), away=True)
+    viewer.move((at[0], at[1] - 100.0), in_depth=True)
     after = viewer.simulation.held.target
     assert viewer.viewpoint.project(after[None], viewer.size)[0] == pytest.approx(at, abs=1e-3)
     assert np.linalg.norm(after - viewer.viewpoint.eye) > np.linalg.norm(before - viewer.viewpoint.eye) * 1.1
     for far in (-1e5, 1e5):
-        viewer.move((at[0], at[1] + far), away=True)
+        viewer.move((at[0], at[1] + far), in_depth=True)
         assert np.linalg.norm(viewer.simulation.held.target - viewer.viewpoint.eye) < 51.0
     assert np.isfinite(viewer.viewpoint.project(viewer.simulation.held.target[None], viewer.size)).all()
 
@@ -84,16 +83,16 @@ def test_behind_a_collider_nothing_is_grabbed(tmp_path):
     viewer = Viewer(Still(replace(scene, collider=(*scene.collider, ball))), folder=tmp_path)
     viewer.update()
     grab_at(viewer)
-    assert viewer.hand is None
+    assert viewer.grabbed is None
     viewer.release("left")
     grab_at(viewer, (0.45, 0.05, 0.5))
-    assert viewer.hand is not None
+    assert viewer.grabbed is not None
 
 
 def test_what_is_hidden_is_not_grabbed(viewer):
-    viewer.show = SHOWS.index("particles")
+    viewer.shown = "particles"
     grab_at(viewer)  # the middle of a side has no particle
-    assert viewer.hand is None
+    assert viewer.grabbed is None
     viewer.release("left")
     grab_at(viewer, (0.5, 0.0, 0.5))
     assert len(viewer.simulation.held.particles) == 1
@@ -122,7 +121,7 @@ def test_the_grip_is_drawn_with_its_force(viewer):
 def test_f_looks_at_the_jello_wherever_it_is(viewer):
     viewer.simulation.put(viewer.simulation.body.x + [30.0, 7.0, -80.0])
     for viewer.size in ((1280, 720), (400, 1000)):
-        viewer.handle_key("f")
+        viewer.grabbedle_key("f")
         places = viewer.viewpoint.project(viewer.simulation.x, viewer.size)
         assert places.min() > 0.0 and (places < viewer.size).all()
         assert max(np.ptp(places, axis=0) / viewer.size) > 0.4
@@ -130,7 +129,7 @@ def test_f_looks_at_the_jello_wherever_it_is(viewer):
 
 def test_zoom_keys(viewer):
     far = viewer.viewpoint.distance
-    viewer.handle_key("w")
+    viewer.grabbedle_key("w")
     assert viewer.viewpoint.distance < far
-    viewer.handle_key("s")
+    viewer.grabbedle_key("s")
     assert viewer.viewpoint.distance == pytest.approx(far)
