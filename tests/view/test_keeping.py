@@ -10,9 +10,9 @@ from taichi_jello.view.window.viewer import Viewer
 
 def test_p_saves_a_named_picture_or_says_why_not(viewer, tmp_path):
     viewer.handle_key("p")
-    assert viewer.pictures.asked
+    assert viewer.wants_picture
     viewer.take(np.zeros((4, 4, 3), np.uint8))
-    assert not viewer.pictures.asked and "jello-0.000s.png" in viewer.notice
+    assert not viewer.wants_picture and "jello-0.000s.png" in viewer.notice
     assert (tmp_path / "jello-0.000s.png").stat().st_size > 0
     viewer.handle_key("p")
     viewer.take(np.zeros((4, 4, 3), np.uint8))

@@ -158,7 +158,7 @@ def test_the_plot_lies_in_its_corner_and_shows_each_energy():
 def test_lines_are_stamped_into_a_picture():
     image = np.full((60, 80, 3), 255, np.uint8)
     sheet = Sheet((80, 60))
-    sheet.line(np.array([[10.0, 30.0], [70.0, 30.0]]), 4.0, (0.0, 0.0, 0.0))
+    sheet.line(np.array([[10.0, 30.0], [70.0, 30.0]]), 4.0, np.zeros(3))
     sheet.stamp(image)
     assert image[30, 40].max() == 0 and image[30, 5].min() == 255 and image[20, 40].min() == 255
 

@@ -88,24 +88,13 @@ class Drawing:
         floors = [(i, s) for i, s in enumerate(self.surroundings.surfaces) if s.planar and s.normal[0][1] > 0.3]
         return [(i, Shadow(surface, joined, extent)) for i, surface in floors]
 
-    def update(
-        self,
-        x: np.ndarray,
-        v: np.ndarray,
-        time: float,
-        *,
-        viewpoint: Viewpoint | None = None,
-        color: str = "",
-        memory: Memory = NOTHING,
-    ) -> None:
-        """Fill every part from positions x (N, 3) [m] and velocities v (N, 3) [m/s] at `time` [s].
+    def update(self, x: np.ndarray, v: np.ndarray, time: float, *, color: str = "", memory: Memory = NOTHING) -> None:
+        """Fill every part from positions x and velocities v (N, 3) [m, m/s] at `time` [s], seen from `viewpoint`.
 
-        viewpoint, and color, one of COLORS, default to the scene's; memory: the changes of springs in a Snapshot.
-        Raises ValueError for another color."""
+        color: one of COLORS, by default the scene's, else ValueError; memory: the changes of springs in a Snapshot."""
         color = color or self.color
         if color not in COLORS:
             raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
-        self.viewpoint = viewpoint or self.viewpoint
         camera = camera_rows(self.viewpoint)
         if self.changing:
             self._change(time, memory)

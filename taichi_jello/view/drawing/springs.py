@@ -1,6 +1,7 @@
 """Springs as lines, coloured by force, strain, stiffness or family."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -50,12 +51,6 @@ def spring_forces(
     length = np.sqrt(np.einsum("ij,ij->i", d, d))
     along = np.einsum("ij,ij->i", w, d) / np.maximum(length, np.float32(1e-12))
     return np.abs(stiffness * (length - rest) + damping * along)
-
-
-def strains(d: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """(S,) ||d| - R| / R, zero where R is."""
-    change = np.abs(np.sqrt(np.einsum("ij,ij->i", d, d)) - rest)
-    return np.divide(change, rest, out=np.zeros_like(change), where=rest > 0.0)
 
 
 def layers(body: Body) -> np.ndarray:
@@ -117,33 +112,31 @@ class Springs:
         elif color == "stiffness":
             rgb, self.key = self._ramped(stiffness, float(stiffness.max(initial=0.0)), "stiffness", "N/m")
         elif color == "strain":
-            self.load = _finite(np.where(self._torn[:shown], 0.0, strains(b - a, rest)))
-            rgb, self.key = self._ramped(self.load, max(_usual(self.load), MIN_STRAIN), "strain", "%", 100.0)
+            change = np.abs(np.sqrt(np.einsum("ij,ij->i", b - a, b - a)) - rest)
+            used = (rest > 0.0) & ~self._torn[:shown]
+            strain = np.divide(change, rest, out=np.zeros_like(change), where=used)
+            rgb, self.key = self._by_load(strain, MIN_STRAIN, "strain", "%", 100.0)
         else:
-            self.load = _finite(spring_forces(b - a, v[j] - v[i], rest, stiffness, damping))
-            rgb, self.key = self._ramped(self.load, max(_usual(self.load), self._min_force), "spring force", "N")
+            force = spring_forces(b - a, v[j] - v[i], rest, stiffness, damping)
+            rgb, self.key = self._by_load(force, self._min_force, "spring force", "N")
         self.lines.rgb.reshape(-1, 2, 3)[:] = rgb
 
+    def _by_load(self, load: np.ndarray, most: float, *names: Any) -> tuple[np.ndarray, Key]:
+        """From zero to the PERCENTILE of the loads, at least `most`."""
+        self.load = np.where(np.isfinite(load), load, np.float32(np.inf))
+        if len(load):
+            rank = min(len(load) - 1, int(len(load) * PERCENTILE / 100.0))
+            most = max(float(np.partition(self.load, rank)[rank]), most)
+        return self._ramped(self.load, most, *names)
+
     def _ramped(
-        self, values: np.ndarray, most: float, title: str, unit: str, factor: float = 1.0
+        self, values: np.ndarray, most: float, title: str, unit: str, per: float = 1.0
     ) -> tuple[np.ndarray, Key]:
-        """Colours (S, 1, 3) from zero to `most`, rounded up, and their key; factor: from values to `unit`."""
+        """Colours (S, 1, 3) from zero to `most`, rounded up, and their key; per: factor from values to `unit`."""
         most = round_up(most)
         shade = np.minimum(values * ((SHADES - 1) / most), SHADES - 1).astype(np.intp)
-        return self._ramp[shade][:, None], Key(title, unit, factor * most, self._ramp)
+        return self._ramp[shade][:, None], Key(title, unit, per * most, self._ramp)
 
     def _by_family(self, families: np.ndarray) -> tuple[np.ndarray, Key]:
         names = tuple((FAMILY_NAMES[f], palette.FAMILIES[f]) for f in np.unique(families))
         return palette.FAMILIES[families][:, None], Key("spring family", names=names)
-
-
-def _finite(values: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(values), values, np.float32(np.inf))
-
-
-def _usual(values: np.ndarray) -> float:
-    """Their PERCENTILE, or 0 without values."""
-    if not len(values):
-        return 0.0
-    rank = min(len(values) - 1, int(len(values) * PERCENTILE / 100.0))
-    return float(np.partition(values, rank)[rank])

@@ -61,14 +61,12 @@ class ShadedPoints:
         self._solid = np.repeat(np.array(solid, np.int32), sizes)
         self._rgb = np.zeros_like(self._base)  # contiguous: Vulkan loses what a kernel does not write
 
-    def __len__(self) -> int:
-        return len(self._base)
-
     def fill(self, origins: np.ndarray, camera: np.ndarray, x: np.ndarray, rgb: np.ndarray) -> None:
         """Set positions x [m] and colours rgb for colliders at `origins` (colliders, 3) [m]."""
-        np.add(self._base, origins[self._owner], out=x)
-        shade(x, self._normal, self._solid, camera, self._rgb)
-        rgb[:] = self._rgb
+        if len(x):
+            np.add(self._base, origins[self._owner], out=x)
+            shade(x, self._normal, self._solid, camera, self._rgb)
+            rgb[:] = self._rgb
 
 
 class Surroundings:
@@ -80,13 +78,13 @@ class Surroundings:
         faces = [s.faces + start for s, start in zip(self.surfaces, starts, strict=False)]
         solid = [not s.planar for s in self.surfaces]
         self._meshes = ShadedPoints([s.points for s in self.surfaces], [s.normal for s in self.surfaces], solid)
-        self.triangles = Triangles.empty(len(self._meshes), np.concatenate(faces))
+        self.triangles = Triangles.empty(starts[-1], np.concatenate(faces))
 
         edges, fades = zip(*(_grid(collider) for collider in scene.collider), strict=True)
         upright = [np.tile([0.0, 1.0, 0.0], (len(ends), 1)) for ends in edges]
         self._edges = ShadedPoints(list(edges), upright, [False] * len(edges))
         self._fade = np.concatenate(fades)[:, None]
-        self.lines = Lines.empty(len(self._edges) // 2)
+        self.lines = Lines.empty(len(self._fade) // 2)
         self._last = np.zeros(0, np.float32)
         self.version = 0  # counts the updates that changed something
 
@@ -101,12 +99,10 @@ class Surroundings:
             return
         self._last = now
         self.version += 1
-        if len(self._meshes):
-            self._meshes.fill(origins, camera, self.triangles.x, self.triangles.rgba[:, :3])
-        if len(self._edges):
-            self._edges.fill(origins, camera, self.lines.x, self.lines.rgb)
-            self.lines.rgb[:] += (palette.GRID - self.lines.rgb) * self._fade
-            clip(self.lines.x, camera)
+        self._meshes.fill(origins, camera, self.triangles.x, self.triangles.rgba[:, :3])
+        self._edges.fill(origins, camera, self.lines.x, self.lines.rgb)
+        self.lines.rgb[:] += (palette.GRID - self.lines.rgb) * self._fade
+        clip(self.lines.x, camera)
 
 
 def _grid(collider: Collider) -> tuple[np.ndarray, np.ndarray]:

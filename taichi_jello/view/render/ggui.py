@@ -2,9 +2,6 @@
 
 import contextlib
 import tempfile
-from collections import defaultdict
-from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -15,7 +12,7 @@ from taichi_jello.support.runtime import RuntimeProblem, has_vulkan
 from taichi_jello.view.camera import FAR, NEAR, UP, Viewpoint
 from taichi_jello.view.drawing import palette
 from taichi_jello.view.drawing.drawing import Drawing
-from taichi_jello.view.drawing.primitives import ROWS, Dots, Triangles
+from taichi_jello.view.drawing.primitives import ROWS, Triangles
 from taichi_jello.view.render.display import display_problem
 
 MAX_FRAMES = 300  # Mesa's software driver leaks half a megabyte a frame until its window is destroyed
@@ -53,42 +50,6 @@ def vertices(count: int) -> np.ndarray:
     return rows
 
 
-class Buffers:
-    """Vertices and triangles for one call to GGUI; they grow by doubling."""
-
-    def __init__(self) -> None:
-        self.rows, self.index = vertices(0), np.empty(0, np.int32)
-        self.counts = 0, 0  # of rows and index entries in use
-
-    def fill(self, parts: list[tuple[np.ndarray, np.ndarray]], faces: Sequence[np.ndarray] = ()) -> "Buffers":
-        """parts: positions (V, 3) and colours (V, 3) or (V, 4); faces: (T, 3) of each part's own vertices."""
-        self.counts = sum(len(x) for x, _ in parts), sum(face.size for face in faces)
-        if self.counts[0] > len(self.rows):
-            self.rows = vertices(_doubled(self.counts[0]))
-        if self.counts[1] > len(self.index):
-            self.index = np.zeros(_doubled(self.counts[1]), np.int32)
-        start = corner = 0
-        for k, (x, color) in enumerate(parts):
-            rows = self.rows[start : start + len(x)]
-            rows[:, POSITION] = x
-            rows[:, COLOR.start : COLOR.start + color.shape[1]] = color
-            if faces:
-                np.add(faces[k].ravel(), start, out=self.index[corner : corner + faces[k].size])
-                corner += faces[k].size
-            start += len(x)
-        return self
-
-    @property
-    def info(self) -> tuple[Any, Any]:
-        """For GGUI, which draws all lines that it gets, whatever count it is asked for."""
-        used, corners = self.counts
-        return get_field_info(self.rows[:used]), get_field_info(self.index[:corners] if corners else None)
-
-
-def _doubled(count: int) -> int:
-    return 1 << (count - 1).bit_length()
-
-
 class Ggui:
     """Draws with Vulkan. size: (width, height) [pixels]; samples: 1, or 2 for four samples a pixel; window: on screen.
 
@@ -112,7 +73,6 @@ class Ggui:
         self.canvas = self.window.get_canvas()
         self._frames = 0
         self._background = _background()
-        self._buffers: dict[str | float, Buffers] = defaultdict(Buffers)  # GGUI reads them when it draws the scene
 
     def draw(self, drawing: Drawing, viewpoint: Viewpoint) -> None:
         runtime.check(self._runtime)
@@ -120,23 +80,26 @@ class Ggui:
             self.close()
             self._open()
         self._frames += 1
+        self._kept: list[np.ndarray] = []  # what GGUI reads when it draws the scene
         width, height = self.window.get_window_shape()
         # A flat picture costs Mesa's software driver a third of what a mesh behind everything does.
         self.canvas.canvas.triangles(get_field_info(self._background), get_field_info(None), True, WHITE)
         scene = self.window.get_scene()
         self._aim(scene, viewpoint)
         for line_width in sorted({batch.width for batch in drawing.lines}):
-            same = [(batch.x, batch.rgb) for batch in drawing.lines if batch.width == line_width]
-            buffers = self._buffers[line_width].fill(same)
-            count, pixels = buffers.counts[0], max(line_width * height / ROWS, 1.0)
-            scene.scene.lines(*buffers.info, True, WHITE, pixels, count, 0, count, 0)
+            rows = self._rows([(batch.x, batch.rgb) for batch in drawing.lines if batch.width == line_width])
+            pixels = max(line_width * height / ROWS, 1.0)
+            scene.scene.lines(
+                get_field_info(rows), get_field_info(None), True, WHITE, pixels, len(rows), 0, len(rows), 0
+            )
         if drawing.dots is not None:
-            # GGUI draws discs width/height times too wide.
-            self._dots(scene, drawing.dots, drawing.dots.radius * height / width)
+            rows = self._rows([(drawing.dots.x, drawing.dots.rgb)])
+            radius = drawing.dots.radius * height / width  # GGUI draws discs width/height times too wide
+            scene.scene.particles(get_field_info(rows), True, False, WHITE, radius, len(rows), 0)
         if drawing.opaque:  # the nearer first: pixels that it hides are then never shaded
-            self._meshes(scene, "opaque", [*reversed(drawing.opaque)])
+            self._meshes(scene, [*reversed(drawing.opaque)])
         if drawing.blended is not None:
-            self._meshes(scene, "blended", [drawing.blended])
+            self._meshes(scene, [drawing.blended])
         # Without any light the driver crashes, and a light at the origin, Taichi's default, blackens pixels there.
         scene.point_light((0.0, -1e6, 0.0), (0.0, 0.0, 0.0))
         self.canvas.canvas.scene_v2(scene.scene)
@@ -155,20 +118,28 @@ class Ggui:
     # Taichi's own scene.mesh, lines and particles compile a copying kernel for every field (0.15 s each); these calls
     # hand over finished rows. Each costs 2 ms on Mesa's software driver, hence few of them.
 
-    def _meshes(self, scene: ti.ui.Scene, name: str, meshes: list[Triangles]) -> None:
-        buffers = self._buffers[name].fill([(mesh.x, mesh.rgba) for mesh in meshes], [mesh.index for mesh in meshes])
-        count, corners = buffers.counts
-        if not corners:
+    def _rows(self, parts: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """Vertices at the positions (V, 3) and with the colours (V, 3) or (V, 4) of each part."""
+        rows, start = vertices(sum(len(x) for x, _ in parts)), 0
+        for x, color in parts:
+            part = rows[start : start + len(x)]
+            part[:, POSITION], part[:, COLOR.start : COLOR.start + color.shape[1]] = x, color
+            start += len(x)
+        self._kept.append(rows)
+        return rows
+
+    def _meshes(self, scene: ti.ui.Scene, meshes: list[Triangles]) -> None:
+        rows = self._rows([(mesh.x, mesh.rgba) for mesh in meshes])
+        starts = np.cumsum([0, *(len(mesh.x) for mesh in meshes)], dtype=np.int32)
+        index = np.concatenate([(mesh.index + start).ravel() for mesh, start in zip(meshes, starts, strict=False)])
+        if not len(index):
             return
-        rows, index = buffers.info
+        self._kept.append(index)
         # One instance at the identity: GGUI moves a mesh without instances by 0 times an uninitialised matrix, which
         # may hold a NaN.
-        moved = get_field_info(IDENTITY)
-        scene.scene.mesh_instance(rows, True, index, WHITE, True, moved, 1, 0, corners, 0, count, 0, False)
-
-    def _dots(self, scene: ti.ui.Scene, dots: Dots, radius: float) -> None:
-        buffers = self._buffers["dots"].fill([(dots.x, dots.rgb)])
-        scene.scene.particles(buffers.info[0], True, False, WHITE, radius, buffers.counts[0], 0)
+        faces, moved = get_field_info(index), get_field_info(IDENTITY)
+        counts = 1, 0, len(index), 0, len(rows), 0
+        scene.scene.mesh_instance(get_field_info(rows), True, faces, WHITE, True, moved, *counts, False)
 
     def image(self) -> np.ndarray:
         """(height, width, 3) uint8: a copy of the last picture. In a window, ask before show()."""

@@ -3,7 +3,6 @@
 `Sheet.stamp` draws them into a finished image; a window draws the same geometry itself.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -24,7 +23,7 @@ MIN_COLUMNS = 300  # wide
 PEN = 0.13  # the pen's width over the height of a capital
 LEADING = 1.75  # from baseline to baseline over the height of a capital
 
-Color = tuple[float, float, float]
+Color = np.ndarray  # (3,)
 
 
 @dataclass(frozen=True)
@@ -94,16 +93,16 @@ class Sheet:
         x: float,
         y: float,
         height: float,
-        rgb: Iterable[float] = palette.INK,
+        rgb: Color = palette.INK,
         align: float = 0.0,
         pen: float = PEN,
     ) -> None:
         """Write on the baseline y, from x if `align` is 0, up to x if it is 1, centred if it is 0.5."""
-        self.texts.append(Text(words, x - align * text_width(words, height), y, height, _color(rgb), pen))
+        self.texts.append(Text(words, x - align * text_width(words, height), y, height, rgb, pen))
 
-    def line(self, points: np.ndarray, width: float, rgb: Iterable[float] = palette.INK) -> None:
+    def line(self, points: np.ndarray, width: float, rgb: Color = palette.INK) -> None:
         """Draw through points (n, 2)."""
-        self.lines.append(Line(np.asarray(points, float), width, _color(rgb)))
+        self.lines.append(Line(np.asarray(points, float), width, rgb))
 
     def quad(
         self, x: float, y: float, width: float, height: float, left: np.ndarray, right: np.ndarray | None = None
@@ -119,11 +118,6 @@ class Sheet:
             _blend(image, *_coverage(line.segments(), 0.5 * line.width), line.rgb)
         for text in self.texts:
             _write(image, text)
-
-
-def _color(rgb: Iterable[float]) -> Color:
-    red, green, blue = (float(c) for c in rgb)
-    return red, green, blue
 
 
 def _fill(image: np.ndarray, quad: Quad) -> None:

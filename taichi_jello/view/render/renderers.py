@@ -1,38 +1,23 @@
 """Choosing a renderer, and pictures of a simulation."""
 
-from typing import Protocol
-
 import numpy as np
 
 from taichi_jello.run.replay import Recorded, Replayed
 from taichi_jello.run.simulation import Simulation
 from taichi_jello.support import runtime
 from taichi_jello.support.runtime import RuntimeProblem
-from taichi_jello.view.camera import Viewpoint
 from taichi_jello.view.drawing.drawing import Drawing
 from taichi_jello.view.render import ggui, raster
 from taichi_jello.view.render.legend import legend as legend_sheet
 
 NAMES = ("auto", "ggui", "raster")
+Size = tuple[int, int]  # width and height [pixels]
+SIZE: Size = (1280, 720)
 Run = Simulation | Recorded | Replayed
+Renderer = ggui.Ggui | raster.Raster
 
 
-class Renderer(Protocol):
-    """Draws a Drawing into memory."""
-
-    name: str
-    size: tuple[int, int]
-
-    def draw(self, drawing: Drawing, viewpoint: Viewpoint) -> None: ...
-
-    def image(self) -> np.ndarray:
-        """(height, width, 3) uint8: the last picture."""
-        ...
-
-    def close(self) -> None: ...
-
-
-def open_renderer(name: str = "auto", size: tuple[int, int] = (1280, 720), samples: int = 2) -> Renderer:
+def open_renderer(name: str = "auto", size: Size = SIZE, samples: int = 2) -> Renderer:
     """A renderer into memory: `auto` is GGUI if a Vulkan driver works, else the rasteriser.
 
     size: (width, height) [pixels]; samples: 1, or 2 for smooth edges. Close it before Taichi starts again and, if it is
@@ -48,7 +33,7 @@ def open_renderer(name: str = "auto", size: tuple[int, int] = (1280, 720), sampl
     return raster.Raster(size, samples)
 
 
-def drawing_of(simulation: Run, size: tuple[int, int] = (1280, 720)) -> Drawing:
+def drawing_of(simulation: Run, size: Size = SIZE) -> Drawing:
     """The drawing of a simulation for pictures of that size."""
     runtime.current()
     return Drawing(simulation.scene, simulation.body, size[0] / size[1])
@@ -69,7 +54,7 @@ def finished(
 
 def picture(
     simulation: Run,
-    size: tuple[int, int] = (1280, 720),
+    size: Size = SIZE,
     renderer: str = "auto",
     color: str = "",
     samples: int = 2,
@@ -86,11 +71,7 @@ def picture(
 
 
 def film_strip(
-    simulation: Run,
-    size: tuple[int, int] = (1280, 720),
-    renderer: str = "auto",
-    columns: int = 2,
-    seconds: float | None = None,
+    simulation: Run, size: Size = SIZE, renderer: str = "auto", columns: int = 2, seconds: float | None = None
 ) -> np.ndarray:
     """(height, width, 3) uint8: columns² moments in one picture, row by row, while the simulation runs on to
     `seconds`, by default the scene's."""

@@ -47,10 +47,6 @@ def next_show(viewer: "Viewer") -> None:
     viewer.notice = f"show: {viewer.shown}"
 
 
-def ask_picture(viewer: "Viewer") -> None:
-    viewer.pictures.asked = True
-
-
 def toggle_film(viewer: "Viewer") -> None:
     """While filming, physics waits for each picture, so that none is missing."""
     if viewer.filming:
@@ -59,16 +55,13 @@ def toggle_film(viewer: "Viewer") -> None:
         viewer.notice = viewer.pictures.start_film(viewer.simulation, viewer.size)
 
 
-def toggle_help(viewer: "Viewer") -> None:
-    viewer.helping = not viewer.helping
+def toggle(name: str) -> Action:
+    """Switch an attribute of the viewer."""
+    return lambda viewer: setattr(viewer, name, not getattr(viewer, name))
 
 
-def toggle_panel(viewer: "Viewer") -> None:
-    viewer.panelled = not viewer.panelled
-
-
-def leave(viewer: "Viewer") -> None:
-    viewer.leaving = True
+def switch_on(name: str) -> Action:
+    return lambda viewer: setattr(viewer, name, True)
 
 
 def frame_jello(viewer: "Viewer") -> None:
@@ -158,11 +151,11 @@ def next_demo(viewer: "Viewer") -> None:
 
 
 KEYS: dict[str, Action] = {
-    " ": pause, "r": restart, "backspace": restart, "c": next_color, "k": next_show, "p": ask_picture, "h": toggle_help,
-    "tab": toggle_panel, "escape": leave, "f": frame_jello, "g": next_gravity, "b": next_wind, "v": toggle_film,
-    "m": next_method, "n": next_demo, "o": lambda viewer: viewer.viewpoint.reset(),
+    " ": pause, "r": restart, "backspace": restart, "escape": switch_on("leaving"), "p": switch_on("wants_picture"),
+    "h": toggle("helping"), "tab": toggle("panelled"), "v": toggle_film, "c": next_color, "k": next_show,
+    "f": frame_jello, "g": next_gravity, "b": next_wind, "m": next_method, "n": next_demo,
+    "o": lambda viewer: viewer.viewpoint.reset(), "j": lambda viewer: viewer.simulation.push(JUMP * UP),
     "w": lambda viewer: viewer.zoom(1.0 / ZOOM), "s": lambda viewer: viewer.zoom(ZOOM),
-    "j": lambda viewer: viewer.simulation.push(JUMP * UP),
     "left": push(-1.0, 0.0), "right": push(1.0, 0.0), "up": push(0.0, 1.0), "down": push(0.0, -1.0),
 }  # fmt: skip
 HELP = (

@@ -1,6 +1,5 @@
 """Pictures and films that a person makes in the window."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -8,19 +7,18 @@ import numpy as np
 from taichi_jello.film import Film, FilmProblem
 from taichi_jello.support.png_file import unused, write_png
 from taichi_jello.support.wording import counted
-from taichi_jello.view.render.renderers import Run
+from taichi_jello.view.render.renderers import Run, Size
 
 FILM_RATE = 30  # frames a second
 
 
 class Pictures:
-    """Pictures and one film at a time, in `folder`, named after scene and time. asked: save the next picture drawn.
-    Methods return a message for the person, or an empty one."""
+    """Pictures and one film at a time, in `folder`, named after scene and time. Methods return a message for the
+    person, or an empty one."""
 
-    def __init__(self, folder: str | os.PathLike[str]):
+    def __init__(self, folder: str | Path):
         # Absolute: GGUI changes the working directory while it shows a picture, and films are written meanwhile.
         self.folder = Path(folder).resolve()
-        self.asked = False
         self._film: Film | None = None
 
     @property
@@ -31,7 +29,7 @@ class Pictures:
         title = "".join(c if c.isalnum() or c in "-_" else "-" for c in simulation.scene.title) or "jello"
         return unused(self.folder / f"{title}-{simulation.time:.3f}s{suffix}")
 
-    def start_film(self, simulation: Run, size: tuple[int, int]) -> str:
+    def start_film(self, simulation: Run, size: Size) -> str:
         """Begin a film with FILM_RATE frames a second."""
         even = size[0] // 2 * 2, size[1] // 2 * 2
         try:
@@ -69,8 +67,7 @@ class Pictures:
         return ""
 
     def save(self, simulation: Run, image: np.ndarray) -> str:
-        """Write the picture (height, width, 3) uint8 that was asked for."""
-        self.asked = False
+        """Write the picture (height, width, 3) uint8."""
         path = self._unused(simulation, ".png")
         try:
             write_png(path, image)

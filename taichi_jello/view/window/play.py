@@ -1,16 +1,15 @@
 """The main loop of the window: read events, advance time, draw."""
 
-import os
 import signal
 import threading
 import time
-from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from taichi_jello.run.simulation import Simulation
-from taichi_jello.scene.description import Scene
 from taichi_jello.support import interrupt
-from taichi_jello.view.render.renderers import Run
+from taichi_jello.view.render.renderers import Run, Size
+from taichi_jello.view.window.playlist import Make
 from taichi_jello.view.window.screen import Screen
 from taichi_jello.view.window.viewer import Viewer
 
@@ -29,17 +28,16 @@ def leave_on_signals(viewer: Viewer) -> dict[int, Any]:
 
 def play(
     simulation: Run,
-    size: tuple[int, int] = (1280, 720),
-    color: str = "",
-    folder: str | os.PathLike[str] = ".",
+    size: Size = (1280, 720),
+    folder: str | Path = ".",
     seconds: float | None = None,
-    make: Callable[[Scene], Run] = Simulation,
+    make: Make = Simulation,
 ) -> None:
     """Show a simulation in a window until Esc, its close button, or `seconds` of simulated time.
 
-    color: one of COLORS, by default the scene's; folder: for pictures and films; make: simulates the demos of N. A film
-    that still runs is ended, and a line printed. Raises RuntimeProblem without a Vulkan driver or a screen."""
-    viewer = Viewer(simulation, color, folder, make, size)
+    make: simulates the demos of N; folder: for pictures and films. A film that still runs is ended, and a line printed.
+    Raises RuntimeProblem without a Vulkan driver or a screen."""
+    viewer = Viewer(simulation, folder, make, size)
     screen = Screen(size, simulation.scene.title or "jello", viewer.keep)
     screen.write_alone(viewer, "compiling ...")
     last: float | None = None  # None after work whose time does not count

@@ -7,6 +7,8 @@ from taichi_jello import scenefiles
 from taichi_jello.scene.description import Scene
 from taichi_jello.view.render.renderers import Run
 
+Make = Callable[[Scene], Run]
+
 
 def scenes() -> list[Scene]:
     """The demos that can be loaded here; some need packages that may be missing."""
@@ -23,7 +25,7 @@ class Playlist:
     """Simulations of the demos, from `make`. Each is made once, since Taichi frees no compiled code; later it restarts
     as it was first."""
 
-    def __init__(self, make: Callable[[Scene], Run]):
+    def __init__(self, make: Make):
         self._make = make
         self._made: dict[str, tuple[Run, str, dict[str, Any]]] = {}  # with the first method and tuning, by title
 

@@ -19,36 +19,6 @@ from taichi_jello.view.window.viewer import Viewer
 BUTTONS = {ti.ui.LMB: "left", ti.ui.RMB: "right", ti.ui.MMB: "middle"}
 
 
-class Painter:
-    """Puts a drawing into the window of a Ggui.
-
-    Mesa's software driver leaks up to a megabyte for every frame in three dimensions, gigabytes in minutes.
-    There the rasteriser draws, and GGUI shows its picture."""
-
-    def __init__(self, renderer: Ggui):
-        self._ggui = renderer
-        software = not runtime.has_real_vulkan() and runtime.current().arch not in ("vulkan", "metal")
-        self._raster = Raster(renderer.size, samples=1) if software else None
-
-    def draw(self, viewer: Viewer) -> None:
-        if self._raster is None:
-            self._ggui.draw(viewer.drawing, viewer.viewpoint)
-            return
-        if self._raster.size != viewer.size:
-            self._raster = Raster(viewer.size, samples=1)
-        self._raster.draw(viewer.drawing, viewer.viewpoint)
-        self._shown = self._raster.columns()  # GGUI reads it when it shows the picture
-        self._ggui.canvas.canvas.set_image(get_field_info(self._shown))
-
-    def image(self, viewer: Viewer) -> np.ndarray:
-        """(height, width, 3) uint8: the last picture, which can still be shown."""
-        if self._raster is not None:
-            return self._raster.image()
-        image = self._ggui.image()
-        self._ggui.draw(viewer.drawing, viewer.viewpoint)  # reading the picture back has ended it
-        return image
-
-
 class Screen:
     """One window of `size` (width, height) [pixels]. Raises RuntimeProblem if none can be opened. If the display goes
     away, the process ends with one line, to which `keep` adds what it has saved."""
@@ -58,7 +28,10 @@ class Screen:
         self._keep = keep
         self._guard = DisplayGuard(self._on_loss)
         self._renderer = Ggui(size, samples=1, window=True, title=title)
-        self._painter = Painter(self._renderer)
+        # Mesa's software driver leaks up to a megabyte for every frame in three dimensions, gigabytes in minutes. There
+        # the rasteriser draws, and GGUI shows its picture.
+        software = not runtime.has_real_vulkan() and runtime.current().arch not in ("vulkan", "metal")
+        self._raster = Raster(size, samples=1) if software else None
         self._window = self._renderer.window
         self._panel = Panel(size)
 
@@ -91,14 +64,26 @@ class Screen:
 
     def show(self, viewer: Viewer) -> None:
         """Draw the scene, the overlay and the panel. Saved pictures have the legend, but no overlay."""
-        self._painter.draw(viewer)
-        if viewer.pictures.asked or viewer.filming:
-            image = self._painter.image(viewer)
+        self._draw(viewer)
+        if viewer.wants_picture or viewer.filming:
+            image = (self._raster or self._renderer).image()
+            if self._raster is None:
+                self._draw(viewer)  # reading GGUI's picture back has ended it
             legend(viewer.drawing.key, viewer.simulation.time, viewer.size).stamp(image)
             viewer.take(image)
         self._write(overlay(viewer))
         self._panel.show(self._window.get_gui(), viewer)
         self._flip()
+
+    def _draw(self, viewer: Viewer) -> None:
+        if self._raster is None:
+            self._renderer.draw(viewer.drawing, viewer.viewpoint)
+            return
+        if self._raster.size != viewer.size:
+            self._raster = Raster(viewer.size, samples=1)
+        self._raster.draw(viewer.drawing, viewer.viewpoint)
+        self._shown = self._raster.columns()  # GGUI reads it in show()
+        self._renderer.canvas.canvas.set_image(get_field_info(self._shown))
 
     def write_alone(self, viewer: Viewer, words: str) -> None:
         """Show the title and these words before anything is drawn."""

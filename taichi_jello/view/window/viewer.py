@@ -1,8 +1,8 @@
 """The state of the interactive window, and what keys and the mouse do to it."""
 
 import contextlib
-import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,16 +11,15 @@ from taichi_jello.run.diverged import Diverged
 from taichi_jello.run.find_culprit import Culprit
 from taichi_jello.run.replay import Replayed, ReplayOver
 from taichi_jello.run.simulation import Simulation
-from taichi_jello.scene.description import COLORS, Scene
 from taichi_jello.view.camera import Viewpoint
 from taichi_jello.view.drawing.drawing import HIDDEN, Drawing
 from taichi_jello.view.picking import Pick, Pixel, pick, pick_triangle, pulled, ray
-from taichi_jello.view.render.renderers import Run, drawing_of
+from taichi_jello.view.render.renderers import Run, Size, drawing_of
 from taichi_jello.view.window.actions import KEYS
 from taichi_jello.view.window.frame_pacing import Pace
 from taichi_jello.view.window.gauges import Gauges
 from taichi_jello.view.window.pictures import FILM_RATE, Pictures
-from taichi_jello.view.window.playlist import Playlist
+from taichi_jello.view.window.playlist import Make, Playlist
 
 PICK_DEPTH_TOLERANCE = 0.01  # m that a jello may be pressed into a collider and still be picked
 CLEARANCE = 0.05  # m between the floor and the eye
@@ -32,23 +31,12 @@ DIVERGED = "numbers went bad at particle {particle}: dt = {dt:.3g} s, safe dt = 
 class Viewer:
     """What the window shows of a simulation and what a person does to it; it knows nothing of GGUI.
 
-    size: (width, height) of the window [pixels]; grabbed (3,): where the mouse pulls a jello [m], None if it does not.
-    Raises ValueError for an unknown color."""
+    size: (width, height) of the window [pixels]; grabbed (3,): where the mouse pulls a jello [m], if it does."""
 
-    def __init__(
-        self,
-        simulation: Run,
-        color: str = "",
-        folder: str | os.PathLike[str] = ".",
-        make: Callable[[Scene], Run] = Simulation,
-        size: tuple[int, int] = (1280, 720),
-    ):
-        color = color or simulation.scene.camera.color
-        if color not in COLORS:
-            raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
+    def __init__(self, simulation: Run, folder: str | Path = ".", make: Make = Simulation, size: Size = (1280, 720)):
         self.pictures, self.size = Pictures(folder), size
         self.playlist = Playlist(make)
-        self.paused = self.helping = self.panelled = self.leaving = False
+        self.paused = self.helping = self.panelled = self.leaving = self.wants_picture = False
         self.pace = Pace()
         self._frame_seconds = 0.0  # from one drawn frame to the next, smoothed
         self._notice, self._notice_age = "", 0.0
@@ -56,14 +44,13 @@ class Viewer:
         self._pending: Callable[[], None] | None = None
         self._keys: list[str] = []  # pressed meanwhile
         self.open(simulation)
-        self.color = color
 
     def open(self, simulation: Run) -> None:
         """Show this simulation from now on."""
         self.simulation: Run = simulation
         self.color = simulation.scene.camera.color
         self.drawing: Drawing = drawing_of(simulation, self.size)
-        self.viewpoint: Viewpoint = Viewpoint.first(simulation.scene, simulation.body, self.size[0] / self.size[1])
+        self.viewpoint: Viewpoint = self.drawing.viewpoint
         self.shown = simulation.scene.camera.show
         self.grabbed: np.ndarray | None = None
         self.gauges = Gauges()
@@ -278,7 +265,7 @@ class Viewer:
             tuning = self.simulation.tuning
             self.drawing.springs.scale = (tuning.get("stiffness", 1.0), tuning.get("damping", 1.0))
         now = self.simulation.snapshot()
-        self.drawing.update(now.x, now.v, now.time, viewpoint=self.viewpoint, color=self.color, memory=now.memory)
+        self.drawing.update(now.x, now.v, now.time, color=self.color, memory=now.memory)
         if self.panelled:
             self.gauges.read(self.simulation, now.x, now.v)
 
@@ -294,7 +281,8 @@ class Viewer:
 
     def take(self, image: np.ndarray) -> None:
         """Save a picture of this moment (height, width, 3) uint8, if asked, and add it to a film."""
-        if self.pictures.asked:
+        if self.wants_picture:
+            self.wants_picture = False
             self.notice = self.pictures.save(self.simulation, image)
         if self.filming and not self.paused:
             self.notice = self.pictures.add(image) or self.notice
