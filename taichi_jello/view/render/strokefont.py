@@ -35,7 +35,7 @@ GLYPHS = {
 }  # fmt: skip
 UNKNOWN = "0208484202"
 WIDTH = 4  # grid steps, except of
-WIDTHS = dict.fromkeys("1rIjl.,:'|ft", 3) | {"i": 2, " ": 2.5}
+WIDTHS = dict.fromkeys("1rIj.,:'|ft", 3) | {"i": 2, "l": 2, " ": 2.5}
 
 
 @lru_cache(maxsize=256)
