@@ -49,42 +49,29 @@ def shade(x: Array2, normal: Array2, solid: Index1, camera: Array2, rgb: Array2)
         put(rgb, i, color)
 
 
-class ShadedPoints:
-    """Points that move with their colliders, shaded as floors or obstacles. One item a collider: points and normal
-    (n, 3) from its origin [m], and whether it is an obstacle."""
-
-    def __init__(self, points: list[np.ndarray], normal: list[np.ndarray], solid: list[bool]):
-        sizes = [len(part) for part in points]
-        self._base = np.concatenate(points).astype(np.float32)
-        self._normal = np.concatenate(normal).astype(np.float32)
-        self._owner = np.repeat(np.arange(len(sizes)), sizes)
-        self._solid = np.repeat(np.array(solid, np.int32), sizes)
-        self._rgb = np.zeros_like(self._base)  # contiguous: Vulkan loses what a kernel does not write
-
-    def fill(self, origins: np.ndarray, camera: np.ndarray, x: np.ndarray, rgb: np.ndarray) -> None:
-        """Set positions x [m] and colours rgb for colliders at `origins` (colliders, 3) [m]."""
-        if len(x):
-            np.add(self._base, origins[self._owner], out=x)
-            shade(x, self._normal, self._solid, camera, self._rgb)
-            rgb[:] = self._rgb
-
-
 class Surroundings:
-    """All colliders of a scene as opaque `triangles` and grid `lines`."""
+    """All colliders of a scene as opaque `triangles` and grid `lines`; both share one array of points."""
 
     def __init__(self, scene: Scene):
         self.surfaces = [Surface.of(collider) for collider in scene.collider]
-        starts = np.cumsum([0] + [len(s.points) for s in self.surfaces])
-        faces = [s.faces + start for s, start in zip(self.surfaces, starts, strict=False)]
-        solid = [not s.planar for s in self.surfaces]
-        self._meshes = ShadedPoints([s.points for s in self.surfaces], [s.normal for s in self.surfaces], solid)
-        self.triangles = Triangles.empty(starts[-1], np.concatenate(faces))
+        ends, fades = zip(*(_grid(collider) for collider in scene.collider), strict=True)
+        meshes = [s.points for s in self.surfaces]
+        starts = np.cumsum([0, *map(len, meshes)])
+        vertices, numbers = int(starts[-1]), np.arange(len(meshes))
 
-        edges, fades = zip(*(_grid(collider) for collider in scene.collider), strict=True)
-        upright = [np.tile([0.0, 1.0, 0.0], (len(ends), 1)) for ends in edges]
-        self._edges = ShadedPoints(list(edges), upright, [False] * len(edges))
+        self._base = np.concatenate([*meshes, *ends]).astype(np.float32)
+        upright = np.tile([0.0, 1.0, 0.0], (len(self._base) - vertices, 1))
+        self._normal = np.concatenate([*(s.normal for s in self.surfaces), upright]).astype(np.float32)
+        self._owner = np.repeat(np.tile(numbers, 2), [len(part) for part in (*meshes, *ends)])
+        solid = np.array([not s.planar for s in self.surfaces])[self._owner]
+        self._solid = (solid & (np.arange(len(solid)) < vertices)).astype(np.int32)
         self._fade = np.concatenate(fades)[:, None]
-        self.lines = Lines.empty(len(self._fade) // 2)
+        self._x, self._rgb = np.zeros_like(self._base), np.zeros_like(self._base)
+
+        faces = [s.faces + start for s, start in zip(self.surfaces, starts, strict=False)]
+        self.triangles = Triangles.empty(vertices, np.concatenate(faces))
+        self.triangles.x = self._x[:vertices]
+        self.lines = Lines(self._x[vertices:], self._rgb[vertices:])
         self._last = np.zeros(0, np.float32)
         self.version = 0  # counts the updates that changed something
 
@@ -99,8 +86,10 @@ class Surroundings:
             return
         self._last = now
         self.version += 1
-        self._meshes.fill(origins, camera, self.triangles.x, self.triangles.rgba[:, :3])
-        self._edges.fill(origins, camera, self.lines.x, self.lines.rgb)
+        np.add(self._base, origins[self._owner], out=self._x)
+        if len(self._x):
+            shade(self._x, self._normal, self._solid, camera, self._rgb)
+        self.triangles.rgba[:, :3] = self._rgb[: len(self.triangles.x)]
         self.lines.rgb[:] += (palette.GRID - self.lines.rgb) * self._fade
         clip(self.lines.x, camera)
 

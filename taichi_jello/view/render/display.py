@@ -23,10 +23,8 @@ def _x11() -> Any:
 
 
 def display_problem() -> str | None:
-    """Why no X server can show a window; None if one can, or if this system needs none.
-
-    The connection stays open: a virtual screen restarts when its last client leaves, and would take a window that is
-    being opened with it."""
+    """Why no X server can show a window; None if one can, or if this system needs none. The connection stays open: a
+    virtual screen restarts when its last client leaves, and ends windows that are just being opened."""
     name = os.environ.get("DISPLAY")
     if not sys.platform.startswith("linux") or name in _connections:
         return None
