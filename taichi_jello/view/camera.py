@@ -56,8 +56,7 @@ class Viewpoint:
         return cls(middle + _unit(arm) * distance, middle, view.fov)
 
     def _retreat(self, points: np.ndarray, fit: float, aspect: float) -> float:
-        """How far [m] the eye must back off until points (n, 3) fill at most `fit` of the picture's half height and
-        width; negative if it may come closer."""
+        """How far [m] the eye must move back, until points (n, 3) fill at most `fit` of the picture's half sides."""
         right, up, back = self.axes() @ (points - self.eye).T
         slope = fit * np.tan(np.radians(self.fov) / 2.0)
         return float((back + np.maximum(np.abs(right) / aspect, np.abs(up)) / slope).max())

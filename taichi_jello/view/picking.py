@@ -86,7 +86,6 @@ def pick(
     body: Body, x: np.ndarray, viewpoint: Viewpoint, pixel: Pixel, size: tuple[int, int], skin: bool = True
 ) -> Pick | None:
     """What the cursor is on, with the particles at x (N, 3) [m]; None if there is nothing.
-
     Without the skin, and on jellos that have none, it picks particles."""
     x = np.asarray(x, float)
     if not skin:

@@ -26,8 +26,7 @@ HIDDEN = dict(zip(SHOWS, (set(), {"skin"}, {"springs", "particles"}, {"skin", "s
 class Drawing:
     """What one scene looks like now. Parts that the scene lacks are None and cost nothing.
 
-    `update` fills them for one moment and viewpoint; `hidden` names the LAYERS to leave out. aspect: width over height
-    of the picture that the first viewpoint is for."""
+    `update` fills them for one moment; `hidden` names the LAYERS to leave out; aspect: width over height of the picture."""
 
     def __init__(self, scene: Scene, body: Body, aspect: float = ASPECT):
         self.scene, self.body, self.count = scene, body, len(body)
@@ -90,7 +89,6 @@ class Drawing:
 
     def update(self, x: np.ndarray, v: np.ndarray, time: float, *, color: str = "", memory: Memory = NOTHING) -> None:
         """Fill every part from positions x and velocities v (N, 3) [m, m/s] at `time` [s], seen from `viewpoint`.
-
         color: one of COLORS, by default the scene's, else ValueError; memory: the changes of springs in a Snapshot."""
         color = color or self.color
         if color not in COLORS:

@@ -33,7 +33,6 @@ def carry(x: Array2, cells: Index2, first: Index1, places: Array2, facing: Array
 
 class Embedded:
     """The mesh of embedded skins: normals (P, 3) of its points, index (T, 3), jello (P,) that each point belongs to.
-
     A point on a sharp edge is there once for each smooth patch that meets the edge."""
 
     def __init__(self, body: Body):

@@ -11,8 +11,7 @@ WIDTH = 1.25  # pixels at that height; GGUI draws lines of one width in one call
 @dataclass
 class Triangles:
     """x (V, 3) [m]; rgba (V, 4) between 0 and 1, interpolated, lighting included; index (T, 3) int32.
-
-    Opaque, except a skin: its triangles are blended in their order over what lies behind them."""
+    Opaque, except a skin, whose triangles are blended in their order."""
 
     x: np.ndarray
     rgba: np.ndarray

@@ -1,7 +1,4 @@
-"""Lighting, baked into the colours of vertices.
-
-`camera` is the (5, 3) float32 array of `camera_rows`; p is a point, n a unit normal.
-"""
+"""Lighting of vertices. `camera` is the array of `camera_rows`, p a point, n a unit normal."""
 
 import numpy as np
 import taichi as ti
@@ -83,7 +80,6 @@ def gel(albedo, p, n, camera: ti.template()):
 
 def clip(ends: np.ndarray, camera: np.ndarray) -> None:
     """Clip segments, in place, at the near plane; one behind it shrinks to a point.
-
     ends (2L, 3) float32 also move LINE_LIFT of their distance towards the eye, which leaves their pixels unchanged."""
     eye, forward = camera[EYE], camera[FORWARD]
     ends += (eye - ends) * np.float32(LINE_LIFT)

@@ -36,7 +36,6 @@ def footprint(p, plane: ti.template()):
 @ti.kernel
 def cast(x: Array2, faces: Index2, plane: Array2, heights: Array2):
     """The lowest height [m] of the faces over each grid cell, or NO_CASTER.
-
     plane (5, 3): the grid's CORNER [m], AXIS_U and AXIS_V [cells/m], unit NORMAL, and the sun's direction BEAM."""
     ti.loop_config(block_dim=512)
     for cell in range(CELLS * CELLS):
@@ -64,8 +63,7 @@ def cast(x: Array2, faces: Index2, plane: Array2, heights: Array2):
 
 @ti.kernel
 def blur(cover: Array2, heights: Array2, cell: ti.f32, covered: Array2, mean: Array2):
-    """One pass of a separable blur of (cover, mean height), wider for higher casters. It swaps the axes: two passes
-    are the whole blur."""
+    """One pass of a separable blur of (cover, mean height), wider for higher casters. Apply it twice: it swaps axes."""
     ti.loop_config(block_dim=64)
     for block in range(CELLS * CELLS // LANES):
         i, first = block // (CELLS // LANES), block % (CELLS // LANES) * LANES
@@ -84,8 +82,7 @@ def blur(cover: Array2, heights: Array2, cell: ti.f32, covered: Array2, mean: Ar
 
 @ti.kernel
 def paint(cover: Array2, heights: Array2, plane: Array2, camera: Array2, x: Array2, rgb: Array2, darkness: Array2):
-    """The grid's points x [m], lifted towards the eye, their colours and darkness; the axes of `plane` are here one
-    cell long [m]."""
+    """The grid's points x [m], lifted towards the eye, colours and darkness; here `plane` has axes in m per cell."""
     ti.loop_config(block_dim=256)
     for i, j in ti.ndrange(CELLS, CELLS):
         dark = ti.min(cover[i, j] * MAX_DARKNESS / (1.0 + FADE_RATE * heights[i, j]), MAX_DARKNESS)
@@ -98,8 +95,7 @@ def paint(cover: Array2, heights: Array2, plane: Array2, camera: Array2, x: Arra
 
 
 class Shadow:
-    """The shadow of `faces` (F, 3) on one planar surface, as opaque `triangles` just above it. extent [m]: the width
-    of the casters at rest."""
+    """The shadow of `faces` (F, 3) on one planar surface, as opaque `triangles`; extent: the casters' width [m]."""
 
     def __init__(self, surface: Surface, faces: np.ndarray, extent: float):
         self.normal, self.cell = surface.normal[0], max(extent, 1e-6) / CELLS_ACROSS

@@ -14,8 +14,7 @@ from taichi_jello.view.drawing.subdivide import subdivide
 
 @ti.kernel
 def corner_normals(x: Array2, surface: Index2, flat: Array2, start: Index1, face: Index1, corner: Array2):
-    """Normals of face corners over the faces of their smooth patch; see FineMesh. flat: the normals of the triangles
-    `surface` of particles x, twice their area long."""
+    """Normals of face corners over smooth neighbours, see FineMesh, from `flat`, the normals of the coarse faces."""
     ti.loop_config(block_dim=1024)
     for t in range(surface.shape[0]):
         put(flat, t, face_normal(x, surface, t))
@@ -46,8 +45,7 @@ def fine_vertices(
 
 @ti.kernel
 def shade(x: Array2, normal: Array2, albedo: Array2, index: Index2, camera: Array2, rgba: Array2, away: Array1):
-    """The colours of the skin's points, and the distance of its triangles from the eye [m]: negative if they show
-    their inner side."""
+    """Colours of points, and distances of triangles from the eye [m], negative if they show their inner side."""
     ti.loop_config(block_dim=1024)
     for i in range(x.shape[0]):
         color = gel(row(albedo, i), row(x, i), row(normal, i), camera)
@@ -60,8 +58,7 @@ def shade(x: Array2, normal: Array2, albedo: Array2, index: Index2, camera: Arra
 
 
 class Skin:
-    """`triangles` in the order to blend them: the farthest jello first, inner sides before outer ones. Vertices over
-    the particles' surface come first, then those of embedded skins."""
+    """`triangles` in the order to blend them: the farthest jello first, inner sides before outer ones."""
 
     def __init__(self, body: Body, embedded: Embedded | None = None):
         self.surface = np.ascontiguousarray(body.bare_surface, np.int32)

@@ -46,8 +46,7 @@ def round_up(value: float) -> float:
 def spring_forces(
     d: np.ndarray, w: np.ndarray, rest: np.ndarray, stiffness: np.ndarray, damping: np.ndarray
 ) -> np.ndarray:
-    """(S,) |k (|d| - R) + c w·d/|d|| [N] of springs with the end-to-end vectors d [m], relative velocities w (S, 3)
-    [m/s]."""
+    """(S,) |k (|d| - R) + c w·d/|d|| [N] of springs with ends d [m] apart that part at w [m/s] (S, 3)."""
     length = np.sqrt(np.einsum("ij,ij->i", d, d))
     along = np.einsum("ij,ij->i", w, d) / np.maximum(length, np.float32(1e-12))
     return np.abs(stiffness * (length - rest) + damping * along)
@@ -55,9 +54,7 @@ def spring_forces(
 
 def layers(body: Body) -> np.ndarray:
     """(S,) 0 for springs that show a body's shape, 1 for others on its surface, 2 for those inside it or outside an
-    embedded skin.
-
-    In a dense body the inner diagonals would hide everything else, and bend springs lie on structural ones."""
+    embedded skin. Inner diagonals would hide a dense body's shape, and bend springs lie on structural ones."""
     outside = ~body.inside[body.springs].all(1)
     if len(body.springs) <= SPARSE or not np.any(body.family == 0):
         return np.where(outside, 2, 0)
@@ -69,7 +66,6 @@ def layers(body: Body) -> np.ndarray:
 
 class Springs:
     """The springs of a body as `lines`, and `key`, the meaning of their colours.
-
     Of a dense body only layer 0 is drawn, by family also layer 1, and all if `everything`. The scale covers the springs
     drawn. load (S,): the force [N] or strain of each; scale: factors on the body's stiffness and damping."""
 

@@ -12,7 +12,6 @@ MAX_CUTS = 3  # pieces of a coarse edge
 @dataclass(frozen=True)
 class FineMesh:
     """A fine vertex is the mean of the particles parent (V, 3) with the weights share (V, 3); index (F, 3).
-
     The normal of fine vertex i is the sum of weight[k] times the normal of corner item[k], for k from start[i] up to
     start[i + 1]. Corner c is the (c % 3)-th of coarse face c // 3; its normal is that of the faces corner_face[k], for
     k from corner_start[c] up to corner_start[c + 1], which are smooth neighbours."""
@@ -39,8 +38,7 @@ def _normals(rest: np.ndarray, surface: np.ndarray) -> np.ndarray:
 
 
 def smooth_patches(rest: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Starts (3T + 1,) and faces (K,): for each face corner, the faces around its particle that meet its own face
-    smoothly."""
+    """Starts (3T + 1,) and faces (K,): for each face corner, the faces around it that meet its face smoothly."""
     normal = _normals(rest, surface)
     particle = surface.ravel()
     by_particle = np.argsort(particle, kind="stable")
@@ -65,8 +63,7 @@ def _pattern(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _weld(parent: np.ndarray, share: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(P,) the vertex of each point: points with the same weights share one, unless their faces are back to back, as
-    on the two sides of a sheet."""
+    """(P,) the vertex of each point: equal weights share one, except on the two sides of a sheet."""
     used = np.where(share > 0, parent, -1)
     order = np.argsort(used, axis=1)
     key = np.concatenate([np.take_along_axis(a, order, 1) for a in (used, share)], 1)
@@ -79,7 +76,6 @@ def _weld(parent: np.ndarray, share: np.ndarray, normal: np.ndarray) -> np.ndarr
 
 def subdivide(rest: np.ndarray, surface: np.ndarray) -> FineMesh:
     """Cut the triangles surface (T, 3) over particles rest (N, 3) into about FINE_TRIANGLES.
-
     Fine vertices stay on the coarse triangles, where the springs are. On an edge between two smooth patches they get
     the mean of both normals, so that the edge looks bevelled by one fine triangle."""
     n = int(np.clip(np.sqrt(FINE_TRIANGLES / len(surface)), 1, MAX_CUTS))

@@ -95,8 +95,7 @@ class Surroundings:
 
 
 def _grid(collider: Collider) -> tuple[np.ndarray, np.ndarray]:
-    """(2E, 3) ends of the grid's edges [m] that have not faded out, and how much of the grid's colour (2E,) they
-    show."""
+    """Ends (2E, 3) of the grid's visible edges [m], and how much of the grid's colour (2E,) they show."""
     near, far = GRID_FADE
     edges = np.asarray(collider.edges(REACH), float).reshape(-1, 2, 3)
     places = edges + collider.place(0.0)

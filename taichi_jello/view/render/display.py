@@ -50,9 +50,7 @@ def display_is_gone() -> bool:
 
 class DisplayGuard:
     """Until close(), a lost window calls `keep`, prints one line that ends with its answer, and exits with STATUS.
-
-    Without its server Xlib exits the process and GGUI aborts it. Neither returns to Python, but both call a C handler
-    first. On Linux; elsewhere it does nothing."""
+    Xlib would exit the process, and GGUI abort it, but both call a C handler first. On Linux; elsewhere no effect."""
 
     def __init__(self, keep: Callable[[], str]):
         self._keep, self._linux = keep, sys.platform.startswith("linux")

@@ -188,8 +188,7 @@ def dots(pixels: Pixels, to_pixels: Array2, x: Array2, rgb: Array2, eye: vec3, s
 
 @ti.kernel
 def skin(pixels: Pixels, rgba: Array2, index: Index2, box: Index2, edge: Array2):
-    """Blend prepared triangles in their order. Each thread goes through all of them but fills only its own rows of the
-    picture, so that no two threads share a pixel."""
+    """Blend prepared triangles in their order. Each thread visits all, but fills only its own rows of the picture."""
     ti.loop_config(block_dim=1)
     for band in range((pixels.shape[0] + BAND - 1) // BAND):
         start, end = band * BAND, ti.min(band * BAND + BAND, pixels.shape[0])

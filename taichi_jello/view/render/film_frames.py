@@ -12,8 +12,7 @@ from taichi_jello.view.render.renderers import Renderer, Run, drawing_of, finish
 
 
 class Clock:
-    """Steps a simulation to the frames of a film: frame k is speed·k/rate seconds from now, to the nearest substep;
-    rounding errors do not accumulate."""
+    """Steps a simulation to the frames of a film: frame k is speed·k/rate seconds from now, to the nearest substep."""
 
     def __init__(self, simulation: Run, rate: Fraction, speed: float = 1.0):
         self.simulation, self.per_frame = simulation, speed / float(rate)

@@ -52,7 +52,6 @@ def vertices(count: int) -> np.ndarray:
 
 class Ggui:
     """Draws with Vulkan. size: (width, height) [pixels]; samples: 1, or 2 for four samples a pixel; window: on screen.
-
     Only one may be open: close() it before the next, and before Taichi starts again."""
 
     name = "ggui"
@@ -165,7 +164,7 @@ class Ggui:
 
 
 def _background() -> np.ndarray:
-    """GGUI's rows for two triangles that fill the picture with the background's two colours."""
+    """Two triangles that fill the picture with the background's two colours."""
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]], float)
     rows = vertices(6)
     rows[:, :2] = corners
@@ -175,7 +174,6 @@ def _background() -> np.ndarray:
 
 def shrink(raw: np.ndarray, samples: int) -> np.ndarray:
     """(height, width, 3) uint8, rows downwards, of GGUI's picture (columns, rows upwards, 4), float32 from 0 to 1.
-
     Each pixel is the mean of samples × samples. Strips of columns stay in the cache."""
     width, height = raw.shape[0] // samples, raw.shape[1] // samples
     image = np.empty((height, width), np.uint32)

@@ -1,7 +1,4 @@
-"""What is drawn over a picture: rectangles, lines and text, and the legend made of them.
-
-`Sheet.stamp` draws them into a finished image; a window draws the same geometry itself.
-"""
+"""Rectangles, lines and text over a picture, and the legend. A window draws the same geometry itself."""
 
 from dataclasses import dataclass, field
 from functools import lru_cache

@@ -80,8 +80,7 @@ class Raster:
         return self._image.copy()
 
     def columns(self) -> np.ndarray:
-        """(width, height) uint32: the last picture in GGUI's layout, columns first and upwards. The array is reused at
-        the second call from now."""
+        """(width, height) uint32: the last picture in GGUI's layout, columns first and upwards; reused in two calls."""
         runtime.check(self._runtime)
         if len(self._columns) < 2:
             self._columns = [np.zeros(self.size, np.uint32) for _ in range(2)]

@@ -19,7 +19,6 @@ Renderer = ggui.Ggui | raster.Raster
 
 def open_renderer(name: str = "auto", size: Size = SIZE, samples: int = 2) -> Renderer:
     """A renderer into memory: `auto` is GGUI if a Vulkan driver works, else the rasteriser.
-
     size: (width, height) [pixels]; samples: 1, or 2 for smooth edges. Close it before Taichi starts again and, if it is
     GGUI, before the next one. Raises RuntimeProblem if it cannot draw."""
     if name not in NAMES:
@@ -61,7 +60,6 @@ def picture(
     legend: bool = True,
 ) -> np.ndarray:
     """(height, width, 3) uint8: one picture of a simulation as it is now, from its scene's camera.
-
     color: one of COLORS, by default the scene's. For many pictures, keep a Drawing and a Renderer."""
     drawing, opened = drawing_of(simulation, size), open_renderer(renderer, size, samples)
     try:

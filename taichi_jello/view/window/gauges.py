@@ -21,8 +21,8 @@ PLOT = (300.0, 120.0)  # of the axes, in pixels of a picture 720 rows high
 
 
 class Gauges:
-    """past: rows of time [s] and the ENERGIES [J], the oldest first; force: the largest spring force [N]; ledger: of a
-    simulation with one, the total work on the jellos and the residual [J]."""
+    """past: rows of time [s] and the ENERGIES [J], the oldest first; force: the largest spring force [N]; ledger: total
+    work and residual [J], if the simulation keeps one."""
 
     def __init__(self) -> None:
         self.past: deque[tuple[float, ...]] = deque()

@@ -13,8 +13,7 @@ FILM_RATE = 30  # frames a second
 
 
 class Pictures:
-    """Pictures and one film at a time, in `folder`, named after scene and time. Methods return a message for the
-    person, or an empty one."""
+    """Pictures and one film at a time, in `folder`, named after scene and time. Methods return messages."""
 
     def __init__(self, folder: str | Path):
         # Absolute: GGUI changes the working directory while it shows a picture, and films are written meanwhile.

@@ -34,7 +34,6 @@ def play(
     make: Make = Simulation,
 ) -> None:
     """Show a simulation in a window until Esc, its close button, or `seconds` of simulated time.
-
     make: simulates the demos of N; folder: for pictures and films. A film that still runs is ended, and a line printed.
     Raises RuntimeProblem without a Vulkan driver or a screen."""
     viewer = Viewer(simulation, folder, make, size)

@@ -22,16 +22,14 @@ def scenes() -> list[Scene]:
 
 
 class Playlist:
-    """Simulations of the demos, from `make`. Each is made once, since Taichi frees no compiled code; later it restarts
-    as it was first."""
+    """Simulations of the demos, from `make`. Each is made once, since Taichi frees no compiled code."""
 
     def __init__(self, make: Make):
         self._make = make
         self._made: dict[str, tuple[Run, str, dict[str, Any]]] = {}  # with the first method and tuning, by title
 
     def following(self, now: Scene) -> Run:
-        """The demo after the scene `now`, or the first; demos whose making raises ValueError are skipped. Raises
-        ValueError if none works."""
+        """The demo after the scene `now`, or the first; skips those that fail. Raises ValueError if none works."""
         found = scenes()
         current = next((k for k, scene in enumerate(found) if scene.title == now.title), -1)
         for scene in found[current + 1 :] + found[: current + 1]:

@@ -30,7 +30,6 @@ DIVERGED = "numbers went bad at particle {particle}: dt = {dt:.3g} s, safe dt = 
 
 class Viewer:
     """What the window shows of a simulation and what a person does to it; it knows nothing of GGUI.
-
     size: (width, height) of the window [pixels]; grabbed (3,): where the mouse pulls a jello [m], if it does."""
 
     def __init__(self, simulation: Run, folder: str | Path = ".", make: Make = Simulation, size: Size = (1280, 720)):
@@ -176,8 +175,7 @@ class Viewer:
         self.viewpoint.eye[1] = max(self.viewpoint.eye[1], lowest)
 
     def advance(self, seconds: float) -> int:
-        """Let the `seconds` since the last drawn frame pass; 0 if they do not count. Returns how many physics frames
-        were made."""
+        """Let `seconds` since the last drawn frame pass (0: they do not count). Returns the number of physics frames."""
         if seconds > 0.0:
             self._frame_seconds += (seconds - self._frame_seconds) * (0.1 if self._frame_seconds else 1.0)
         if self.paused or seconds <= 0.0 or self._pending is not None:
