@@ -26,7 +26,7 @@ HIDDEN = dict(zip(SHOWS, (set(), {"skin"}, {"springs", "particles"}, {"skin", "s
 class Drawing:
     """What one scene looks like now. Parts that the scene lacks are None and cost nothing.
 
-    `update` fills them for one moment; `hidden` names the LAYERS to leave out; aspect: width over height of the picture."""
+    `update` fills them for one moment; `hidden`: LAYERS to leave out; aspect: width over height of the picture."""
 
     def __init__(self, scene: Scene, body: Body, aspect: float = ASPECT):
         self.scene, self.body, self.count = scene, body, len(body)

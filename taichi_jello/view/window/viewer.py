@@ -175,7 +175,7 @@ class Viewer:
         self.viewpoint.eye[1] = max(self.viewpoint.eye[1], lowest)
 
     def advance(self, seconds: float) -> int:
-        """Let `seconds` since the last drawn frame pass (0: they do not count). Returns the number of physics frames."""
+        """Let `seconds` since the last drawn frame pass (0: do not count). Returns the number of physics frames."""
         if seconds > 0.0:
             self._frame_seconds += (seconds - self._frame_seconds) * (0.1 if self._frame_seconds else 1.0)
         if self.paused or seconds <= 0.0 or self._pending is not None:
