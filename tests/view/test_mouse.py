@@ -26,15 +26,15 @@ def test_the_eye_stays_above_the_floor_and_o_brings_the_first_view_back(viewer):
     start = viewer.viewpoint.eye.copy()
     for _ in range(50):
         viewer.drag("right", 0.02, 0.05)
-        viewer.grabbedle_key("s")
+        viewer.handle_key("s")
         assert viewer.viewpoint.eye[1] > 0.0
         assert np.isfinite(viewer.viewpoint.axes()).all()
-    viewer.grabbedle_key("o")
+    viewer.handle_key("o")
     assert viewer.viewpoint.eye == pytest.approx(start)
 
 
 def test_the_left_button_grabs_the_jello_and_the_target_follows_the_cursor(viewer):
-    viewer.grabbedle_key(" ")  # also while paused
+    viewer.handle_key(" ")  # also while paused
     at, eye = grab_at(viewer), viewer.viewpoint.eye.copy()
     held = viewer.simulation.held
     assert held.target == pytest.approx([0.0, 0.5, 0.5], abs=1e-6) == held.point
@@ -121,7 +121,7 @@ def test_the_grip_is_drawn_with_its_force(viewer):
 def test_f_looks_at_the_jello_wherever_it_is(viewer):
     viewer.simulation.put(viewer.simulation.body.x + [30.0, 7.0, -80.0])
     for viewer.size in ((1280, 720), (400, 1000)):
-        viewer.grabbedle_key("f")
+        viewer.handle_key("f")
         places = viewer.viewpoint.project(viewer.simulation.x, viewer.size)
         assert places.min() > 0.0 and (places < viewer.size).all()
         assert max(np.ptp(places, axis=0) / viewer.size) > 0.4
@@ -129,7 +129,7 @@ def test_f_looks_at_the_jello_wherever_it_is(viewer):
 
 def test_zoom_keys(viewer):
     far = viewer.viewpoint.distance
-    viewer.grabbedle_key("w")
+    viewer.handle_key("w")
     assert viewer.viewpoint.distance < far
-    viewer.grabbedle_key("s")
+    viewer.handle_key("s")
     assert viewer.viewpoint.distance == pytest.approx(far)
