@@ -134,7 +134,7 @@ def window_row(arch: str, frames: int) -> dict[str, Any]:
             screen.show(viewer)
             found["frame"].append(time.perf_counter() - start)
             found["physics"].append(physics - start)
-            viewer.catch_up()  # the first frame is compiled here
+            viewer.do_pending()  # the first frame is compiled here
         screen.close()
         alone = Ggui(viewer.size, samples=1, window=True)
         for _ in range(frames):

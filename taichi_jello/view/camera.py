@@ -1,4 +1,4 @@
-"""Where a picture is taken from: an eye that circles a target, and the matrices both renderers draw with."""
+"""The camera: an eye that orbits a target, and the matrices that both renderers draw with."""
 
 from dataclasses import dataclass, field
 
@@ -8,13 +8,13 @@ from taichi_jello.physics.colliders.room import Room
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Camera, Scene
 
-NEAR = 0.05  # m; nothing nearer to the eye is drawn
-FAR = 1e5  # m
-STEEPEST = 0.995  # the sine of the steepest view up or down: at 1 the picture would spin about its own axis
+NEAR = 0.05  # m, near clipping plane
+FAR = 1e5  # m, far clipping plane
+MAX_ELEVATION_SINE = 0.995  # at 1 the picture would spin about its own axis
 UP = np.array([0.0, 1.0, 0.0])
-FILLED = 0.85  # of the picture's half height and width, by what a view is fitted to
-LOST = 0.12  # of the same: what takes less is looked at from nearer
-ASPECT = 16.0 / 9.0  # of the pictures that cameras are set up for
+FIT = 0.85  # of the picture's half height and width, filled by a view that is fitted to the scene
+MIN_FIT = 0.12  # of the same: a view that fills less moves closer
+ASPECT = 16.0 / 9.0  # width over height of the pictures that scene cameras are meant for
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
@@ -35,63 +35,56 @@ class Viewpoint:
         self._start = (self.eye.copy(), self.target.copy())
 
     @classmethod
-    def of(cls, camera: Camera, aspect: float = ASPECT) -> "Viewpoint":
-        """The viewpoint that a scene asks for. A picture narrower than 16:9 shows as much across as one of 16:9, and
-        more above and below."""
-        fov = camera.fov
+    def first(cls, scene: Scene, body: Body, aspect: float = ASPECT) -> "Viewpoint":
+        """The scene's camera. If the scene sets none, and the default one misses jellos, rooms or the floor below
+        jellos, or shows them too small, a view from the same side that fits them.
+
+        A picture narrower than 16:9 shows the same width and more height. aspect: width over height."""
+        fov, usual = scene.camera.fov, Camera()
         if aspect < ASPECT:
             fov = 2.0 * float(np.degrees(np.arctan(np.tan(np.radians(fov) / 2.0) * ASPECT / aspect)))
-        return cls(np.array(camera.eye), np.array(camera.target), fov)
-
-    @classmethod
-    def first(cls, scene: Scene, body: Body, aspect: float = ASPECT) -> "Viewpoint":
-        """The scene's own; where it has none, and the usual one leaves jellos, rooms or the floor below jellos out of
-        a picture `aspect` times as wide as high, or makes them too small, one from the same side that shows them."""
-        view, usual = cls.of(scene.camera, aspect), Camera()
+        view = cls(np.array(scene.camera.eye), np.array(scene.camera.target), fov)
         if (scene.camera.eye, scene.camera.target) != (usual.eye, usual.target):
             return view
         corners = _corners(scene, body)
-        middle, away = 0.5 * (corners.min(0) + corners.max(0)), view.eye - view.target
-        centred = cls(middle + away, middle, view.fov)
-        if view.way_to(corners, 1.0, aspect) <= 0.0 < centred.way_to(corners, LOST, aspect):
+        middle, arm = 0.5 * (corners.min(0) + corners.max(0)), view.eye - view.target
+        centred = cls(middle + arm, middle, view.fov)
+        if view._retreat(corners, 1.0, aspect) <= 0.0 < centred._retreat(corners, MIN_FIT, aspect):
             return view
-        least = 2.0 * NEAR + 0.5 * float(np.linalg.norm(np.ptp(corners, axis=0)))
-        distance = max(least, view.distance + centred.way_to(corners, FILLED, aspect))
-        return cls(middle + _unit(away) * distance, middle, view.fov)
+        outside = 2.0 * NEAR + 0.5 * float(np.linalg.norm(np.ptp(corners, axis=0)))
+        distance = max(outside, view.distance + centred._retreat(corners, FIT, aspect))
+        return cls(middle + _unit(arm) * distance, middle, view.fov)
 
-    def way_to(self, points: np.ndarray, filled: float, aspect: float) -> float:
-        """How far [m] the eye has to go back until the points (n, 3) take at most `filled` of the picture's half height
-        and width; negative where it may go nearer."""
-        across, up, back = self.axes() @ (points - self.eye).T
-        slope = filled * np.tan(np.radians(self.fov) / 2.0)
-        return float((back + np.maximum(np.abs(across) / aspect, np.abs(up)) / slope).max())
+    def _retreat(self, points: np.ndarray, fit: float, aspect: float) -> float:
+        """How far [m] the eye must move back, until points (n, 3) fill at most `fit` of the picture's half sides."""
+        right, up, back = self.axes() @ (points - self.eye).T
+        slope = fit * np.tan(np.radians(self.fov) / 2.0)
+        return float((back + np.maximum(np.abs(right) / aspect, np.abs(up)) / slope).max())
 
     def reset(self) -> None:
-        """Back to where it was made."""
+        """Return to the first view."""
         self.eye, self.target = (part.copy() for part in self._start)
 
     @property
     def distance(self) -> float:
-        """From the eye to the target [m]."""
+        """Between eye and target [m]."""
         return float(np.linalg.norm(self.eye - self.target))
 
     def axes(self) -> np.ndarray:
-        """(3, 3): the unit vectors to the right, up and back towards the viewer, one a row."""
+        """(3, 3): the unit vectors right, up and back towards the viewer, one per row."""
         back = _unit(self.eye - self.target)
         up = UP if abs(back[1]) < 0.99999 else np.array([0.0, 0.0, -1.0])
         right = _unit(np.cross(up, back))
         return np.stack([right, np.cross(back, right), back])
 
-    def orbit(self, across: float, up: float) -> None:
-        """Circle the target by `across` [rad] to the right and by `up` [rad], never over the poles."""
+    def orbit(self, right: float, up: float) -> None:
+        """Circle the target by these angles [rad], never over the poles."""
         arm = self.eye - self.target
-        length = np.linalg.norm(arm)
-        height = np.arcsin(np.clip(arm[1] / length, -1.0, 1.0)) + up
-        limit = np.arcsin(STEEPEST)
-        height = float(np.clip(height, -limit, limit))
-        around = np.arctan2(arm[0], arm[2]) + across
-        flat = np.cos(height)
-        self.eye = self.target + length * np.array([flat * np.sin(around), np.sin(height), flat * np.cos(around)])
+        length, limit = np.linalg.norm(arm), np.arcsin(MAX_ELEVATION_SINE)
+        elevation = float(np.clip(np.arcsin(np.clip(arm[1] / length, -1.0, 1.0)) + up, -limit, limit))
+        azimuth, flat = np.arctan2(arm[0], arm[2]) + right, np.cos(elevation)
+        arm = length * np.array([flat * np.sin(azimuth), np.sin(elevation), flat * np.cos(azimuth)])
+        self.eye = self.target + arm
 
     def pan(self, right: float, up: float) -> None:
         """Move eye and target together in the picture plane [m]."""
@@ -100,7 +93,7 @@ class Viewpoint:
         self.eye, self.target = self.eye + shift, self.target + shift
 
     def zoom(self, factor: float) -> None:
-        """Multiply the distance to the target, kept between 5 cm and 500 m, or three times what it was first."""
+        """Multiply the distance to the target; it stays between 5 cm and 500 m or three times the first distance."""
         arm, first = self.eye - self.target, float(np.linalg.norm(self._start[0] - self._start[1]))
         length = float(np.clip(np.linalg.norm(arm) * factor, 0.05, max(500.0, 3.0 * first)))
         self.eye = self.target + _unit(arm) * length
@@ -113,22 +106,16 @@ class Viewpoint:
         return matrix
 
     def projection(self, aspect: float) -> np.ndarray:
-        """(4, 4) camera space to clip space, for column vectors; the depth runs from 1 at NEAR to 0 at
-        FAR."""
+        """(4, 4) camera space to clip space, for column vectors; depth runs from 1 at NEAR to 0 at FAR."""
         focal = 1.0 / np.tan(np.radians(self.fov) / 2.0)
         span = FAR - NEAR
-        return np.array(
-            [
-                [focal / aspect, 0.0, 0.0, 0.0],
-                [0.0, focal, 0.0, 0.0],
-                [0.0, 0.0, NEAR / span, FAR * NEAR / span],
-                [0.0, 0.0, -1.0, 0.0],
-            ]
-        )
+        matrix = np.zeros((4, 4))
+        matrix[0, 0], matrix[1, 1] = focal / aspect, focal
+        matrix[2, 2:], matrix[3, 2] = (NEAR / span, FAR * NEAR / span), -1.0
+        return matrix
 
     def to_pixels(self, size: tuple[int, int]) -> np.ndarray:
-        """(3, 4): takes a point (x, y, z, 1) to (column·w, row·w, w), where w is its depth [m] along the view
-        and the picture's upper left corner is the pixel coordinate (0, 0)."""
+        """(3, 4): maps (x, y, z, 1) to (column·w, row·w, w) with the depth w [m]; (0, 0) is the upper left corner."""
         width, height = size
         clip = self.projection(width / height) @ self.view()
         column = 0.5 * width * (clip[3] + clip[0])
@@ -136,20 +123,19 @@ class Viewpoint:
         return np.stack([column, row, clip[3]])
 
     def project(self, points: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-        """(n, 2) columns and rows [pixels] of points (n, 3) [m]; NaN for a point that is not before the
-        eye."""
+        """(n, 2) columns and rows [pixels] of points (n, 3) [m]; NaN behind the near plane."""
         matrix = self.to_pixels(size)
         flat = np.asarray(points, float) @ matrix[:, :3].T + matrix[:, 3]
         depth = np.where(flat[:, 2:] > NEAR, flat[:, 2:], np.nan)
         return flat[:, :2] / depth
 
     def pixels_per_meter(self, height: int) -> float:
-        """How many pixels one metre at a distance of one metre covers in a picture `height` pixels high."""
+        """Pixels that one metre at a distance of one metre covers in a picture `height` pixels high."""
         return 0.5 * height / float(np.tan(np.radians(self.fov) / 2.0))
 
 
 def _corners(scene: Scene, body: Body) -> np.ndarray:
-    """(n, 3) [m]: of the box around all jellos, of that below it on the highest floor, and of the rooms."""
+    """(n, 3) [m]: corners of the box around all jellos, down to the highest floor below them, and of the rooms."""
     low, high = body.x.min(0), body.x.max(0)
     floors = [level for collider in scene.collider if (level := collider.floor()) is not None and level < low[1]]
     boxes = [(np.array([low[0], max(floors, default=low[1]), low[2]]), high)]

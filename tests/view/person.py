@@ -41,7 +41,7 @@ def updated(viewer):
     frames += 1
     now, held = viewer.simulation.snapshot(), viewer.simulation.held
     told = dict(frames=frames, title=viewer.simulation.scene.title, time=now.time, paused=viewer.paused)
-    told |= dict(color=viewer.color, show=viewer.show, panel=viewer.panelled, helping=viewer.helping)
+    told |= dict(color=viewer.color, show=viewer.shown, panel=viewer.panelled, helping=viewer.helping)
     told |= dict(eye=viewer.viewpoint.eye.tolist())
     told |= dict(method=viewer.simulation.method, tuning={k: str(v) for k, v in viewer.simulation.tuning.items()})
     told |= dict(stiffness=viewer.simulation.tuning["stiffness"], middle=now.x.mean(0).tolist())

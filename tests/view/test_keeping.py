@@ -10,9 +10,9 @@ from taichi_jello.view.window.viewer import Viewer
 
 def test_p_saves_a_named_picture_or_says_why_not(viewer, tmp_path):
     viewer.handle_key("p")
-    assert viewer.pictures.asked
+    assert viewer.wants_picture
     viewer.take(np.zeros((4, 4, 3), np.uint8))
-    assert not viewer.pictures.asked and "jello-0.000s.png" in viewer.notice
+    assert not viewer.wants_picture and "jello-0.000s.png" in viewer.notice
     assert (tmp_path / "jello-0.000s.png").stat().st_size > 0
     viewer.handle_key("p")
     viewer.take(np.zeros((4, 4, 3), np.uint8))
@@ -40,7 +40,7 @@ def test_v_films_exact_moments_and_ends_where_the_size_changes(viewer, tmp_path)
     with av.open(str(film)) as container:
         assert [frame.time for frame in container.decode(video=0)] == pytest.approx([0.0, 1 / 30, 2 / 30])
     viewer.simulation.frame()
-    viewer.start_film()
+    viewer.handle_key("v")
     viewer.take(picture)
     viewer.take(picture[:20])
     assert not viewer.filming and len(list(tmp_path.glob("*.mp4"))) == 2
@@ -53,12 +53,12 @@ def test_a_film_lands_where_the_program_was_started(tmp_path, monkeypatch):
     viewer.size = (64, 36)
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
-    viewer.start_film()
+    viewer.handle_key("v")
     viewer.take(np.zeros((36, 64, 3), np.uint8))
-    viewer.stop_film()
+    viewer.handle_key("v")
     assert len(list(tmp_path.glob("*.mp4"))) == 1
-    viewer.start_film()
-    viewer.stop_film()
+    viewer.handle_key("v")
+    viewer.handle_key("v")
     assert viewer.notice == "nothing was filmed" and len(list(tmp_path.glob("*.mp4"))) == 1
 
 

@@ -7,7 +7,6 @@ import pytest
 from still import Still, cube_scene, grab_at
 
 from taichi_jello.physics.colliders.sphere import Sphere
-from taichi_jello.scene.description import SHOWS
 from taichi_jello.view.window.overlay import overlay
 from taichi_jello.view.window.viewer import Viewer
 
@@ -48,18 +47,18 @@ def test_the_left_button_grabs_the_jello_and_the_target_follows_the_cursor(viewe
     viewer.release("right")
     assert viewer.simulation.held is held
     viewer.release("left")
-    assert viewer.simulation.held is None and viewer.hand is None
+    assert viewer.simulation.held is None and viewer.grabbed is None
 
 
 def test_shift_pulls_along_the_line_of_sight(viewer):
     at = grab_at(viewer)
     before = viewer.simulation.held.target.copy()
-    viewer.move((at[0], at[1] - 100.0), away=True)
+    viewer.move((at[0], at[1] - 100.0), in_depth=True)
     after = viewer.simulation.held.target
     assert viewer.viewpoint.project(after[None], viewer.size)[0] == pytest.approx(at, abs=1e-3)
     assert np.linalg.norm(after - viewer.viewpoint.eye) > np.linalg.norm(before - viewer.viewpoint.eye) * 1.1
     for far in (-1e5, 1e5):
-        viewer.move((at[0], at[1] + far), away=True)
+        viewer.move((at[0], at[1] + far), in_depth=True)
         assert np.linalg.norm(viewer.simulation.held.target - viewer.viewpoint.eye) < 51.0
     assert np.isfinite(viewer.viewpoint.project(viewer.simulation.held.target[None], viewer.size)).all()
 
@@ -84,16 +83,16 @@ def test_behind_a_collider_nothing_is_grabbed(tmp_path):
     viewer = Viewer(Still(replace(scene, collider=(*scene.collider, ball))), folder=tmp_path)
     viewer.update()
     grab_at(viewer)
-    assert viewer.hand is None
+    assert viewer.grabbed is None
     viewer.release("left")
     grab_at(viewer, (0.45, 0.05, 0.5))
-    assert viewer.hand is not None
+    assert viewer.grabbed is not None
 
 
 def test_what_is_hidden_is_not_grabbed(viewer):
-    viewer.show = SHOWS.index("particles")
+    viewer.shown = "particles"
     grab_at(viewer)  # the middle of a side has no particle
-    assert viewer.hand is None
+    assert viewer.grabbed is None
     viewer.release("left")
     grab_at(viewer, (0.5, 0.0, 0.5))
     assert len(viewer.simulation.held.particles) == 1

@@ -7,10 +7,10 @@ import pytest
 from still import Still, cube_scene
 
 from taichi_jello import Box, Scene, Simulation
+from taichi_jello.scene.description import SHOWS
 from taichi_jello.view.render.legend import Sheet
-from taichi_jello.view.window.panel import SETTLED, Panel
-from taichi_jello.view.window.plot import plot
-from taichi_jello.view.window.readouts import SPAN, Gauges, largest_force
+from taichi_jello.view.window.gauges import SPAN, Gauges, largest_force, plot
+from taichi_jello.view.window.panel import SETTLING_FRAMES, Panel
 from taichi_jello.view.window.viewer import Viewer
 
 
@@ -65,8 +65,8 @@ def test_buttons_do_what_keys_do(viewer):
     gui, panel = Widgets(), Panel((1280, 720))
     for gui.push in ("method", "color", "show"):
         panel.show(gui, viewer)
-    viewer.catch_up()
-    assert viewer.simulation.method != "rk4" and viewer.color == "strain" and viewer.show == 1
+    viewer.do_pending()
+    assert viewer.simulation.method != "rk4" and viewer.color == "strain" and viewer.shown == SHOWS[1]
 
 
 def test_readings_are_shown(viewer):
@@ -94,7 +94,7 @@ def test_a_panel_that_was_dragged_comes_back(viewer):
     gui.slide = {"stiffness x": 2.0}
     panel.show(gui, viewer)
     panel.release()
-    for _ in range(SETTLED + 1):
+    for _ in range(SETTLING_FRAMES + 1):
         panel.show(gui, viewer)
     assert len({name for name, *_ in gui.windows}) == 1  # a slider was used: it stays
     panel.takes((100.0, 90.0))
@@ -103,12 +103,12 @@ def test_a_panel_that_was_dragged_comes_back(viewer):
     gui.push = "color"  # a button tells that it was let go, not that it was pressed
     panel.show(gui, viewer)
     gui.push = ""
-    for _ in range(SETTLED):
+    for _ in range(SETTLING_FRAMES):
         panel.show(gui, viewer)
     assert viewer.color == "strain" and len({name for name, *_ in gui.windows}) == 1
     panel.takes((100.0, 90.0))
     panel.release()
-    for _ in range(SETTLED + 1):
+    for _ in range(SETTLING_FRAMES + 1):
         panel.show(gui, viewer)
     assert len({name for name, *_ in gui.windows}) == 2
     viewer.size = (900, 700)
@@ -158,7 +158,7 @@ def test_the_plot_lies_in_its_corner_and_shows_each_energy():
 def test_lines_are_stamped_into_a_picture():
     image = np.full((60, 80, 3), 255, np.uint8)
     sheet = Sheet((80, 60))
-    sheet.line(np.array([[10.0, 30.0], [70.0, 30.0]]), 4.0, (0.0, 0.0, 0.0))
+    sheet.line(np.array([[10.0, 30.0], [70.0, 30.0]]), 4.0, np.zeros(3))
     sheet.stamp(image)
     assert image[30, 40].max() == 0 and image[30, 5].min() == 255 and image[20, 40].min() == 255
 
@@ -166,9 +166,9 @@ def test_lines_are_stamped_into_a_picture():
 def test_gauges_read_the_ledger_where_there_is_one(viewer):
     gauges = Gauges()
     gauges.read(viewer.simulation, viewer.simulation.x, viewer.simulation.v)
-    assert gauges.books is None
+    assert gauges.ledger is None
     booked = Simulation(Scene(jello=[Box(points=(2, 2, 2))], drag=1.0), ledger=True, substeps=50)
     booked.frame()
     gauges.read(booked, booked.x, booked.v)
-    work, residual = gauges.books
+    work, residual = gauges.ledger
     assert work < 0.0 and abs(residual) < 1e-3 * abs(work)

@@ -5,14 +5,14 @@ from dataclasses import replace
 import pytest
 from still import Still, cube_scene
 
-from taichi_jello.view.window import next_demo
-from taichi_jello.view.window.next_demo import Playlist
+from taichi_jello.view.window import playlist
+from taichi_jello.view.window.playlist import Playlist
 
 
 @pytest.fixture
 def scenes(monkeypatch):
     found = [replace(cube_scene(points=2), title=title) for title in ("first", "broken", "last")]
-    monkeypatch.setattr(next_demo, "scenes", lambda: iter(found))
+    monkeypatch.setattr(playlist, "scenes", lambda: found)
     return found
 
 

@@ -37,7 +37,7 @@ def test_dragged_to_a_corner_it_rests_within_3_pixels_of_the_cursor():
         width, height = viewer.size
         at = front(viewer)
         viewer.press("left", tuple(at))
-        assert viewer.hand is not None
+        assert viewer.grabbed is not None
         for corner in ((8.0, 8.0), (width - 8.0, 8.0), (8.0, height - 8.0), (width - 8.0, height - 8.0)):
             way = np.array(corner) - at
             for k in range(1, 21):
@@ -85,17 +85,17 @@ def test_no_motion_of_the_mouse_breaks_a_jello(stiffness, anew):
     viewer = opened(Scene(jello=[cube], collider=[Plane(), Sphere(center=(0.7, 0.2, 0.0), radius=0.4)]))
     person, grabs, held = np.random.default_rng(7), 0, 0
     for frame in range(360):
-        if viewer.hand is None and frame % 4 == 0:
+        if viewer.grabbed is None and frame % 4 == 0:
             if np.abs(viewer.simulation.x).max() > 50.0:
                 viewer.handle_key("r")
             viewer.handle_key("f")
             viewer.press("left", tuple(front(viewer)))
-            grabs += viewer.hand is not None
+            grabs += viewer.grabbed is not None
         elif person.random() < 0.04:
             viewer.release("left")
-        viewer.move(tuple(person.uniform((-2000.0, -2000.0), (3000.0, 3000.0))), away=person.random() < 0.2)
+        viewer.move(tuple(person.uniform((-2000.0, -2000.0), (3000.0, 3000.0))), in_depth=person.random() < 0.2)
         viewer.step()
-        held += viewer.hand is not None
+        held += viewer.grabbed is not None
         assert not viewer.paused, viewer.notice
         assert np.isfinite(viewer.simulation.x).all() and np.isfinite(viewer.simulation.v).all()
     assert grabs >= 5 and held > 150
@@ -120,13 +120,13 @@ class Watched:
         viewer.size, at = self.size, tuple(self.path[len(self.seen)])
         if not self.seen:
             viewer.press("left", at)
-            assert viewer.hand is not None
+            assert viewer.grabbed is not None
         viewer.move(at)
 
     def show(self, viewer):
         self.seen.append(viewer.viewpoint.project(viewer.simulation.held.point[None], viewer.size)[0])
 
-    def tell(self, viewer, words):
+    def write_alone(self, viewer, words):
         pass
 
     def close(self):

@@ -11,11 +11,11 @@ from taichi_jello.run.diverged import Diverged
 from taichi_jello.run.find_culprit import Culprit
 from taichi_jello.scene.description import COLORS, SHOWS
 from taichi_jello.view.drawing import palette
-from taichi_jello.view.render.legend import LEAST, legend
+from taichi_jello.view.render.legend import MIN_TEXT, legend
 from taichi_jello.view.window.actions import HELP, KEYS, WIND
-from taichi_jello.view.window.frame_pacing import BUDGET, MOST_FRAMES
+from taichi_jello.view.window.frame_pacing import BUDGET, MAX_FRAMES_PER_DRAW
 from taichi_jello.view.window.overlay import overlay
-from taichi_jello.view.window.viewer import TOLD
+from taichi_jello.view.window.viewer import NOTICE_SECONDS
 
 
 def test_physics_follows_the_clock(viewer):
@@ -27,7 +27,7 @@ def test_physics_follows_the_clock(viewer):
 def test_a_slow_machine_slows_time_and_catches_up_with_nothing(viewer):
     frame = viewer.simulation.frame_dt
     for _ in range(40):
-        assert viewer.advance(10 * MOST_FRAMES * frame) == MOST_FRAMES
+        assert viewer.advance(10 * MAX_FRAMES_PER_DRAW * frame) == MAX_FRAMES_PER_DRAW
     assert viewer.advance(0.5 * frame) == 0
     assert viewer.pace.speed < 0.2
 
@@ -46,10 +46,10 @@ def test_a_notice_stays_while_it_is_news(viewer):
         return viewer.notice
 
     viewer.handle_key("c")
-    assert after(0.9 * TOLD) == "color: strain" and after(0.2 * TOLD) == ""
+    assert after(0.9 * NOTICE_SECONDS) == "color: strain" and after(0.2 * NOTICE_SECONDS) == ""
     viewer.handle_key(" ")
     viewer.handle_key("Up")
-    assert "paused" in after(2.0 * TOLD)
+    assert "paused" in after(2.0 * NOTICE_SECONDS)
     viewer.handle_key(" ")
     assert viewer.notice == ""
 
@@ -88,7 +88,7 @@ def test_c_and_k_go_round(viewer):
         viewer.update()
         parts.append((viewer.drawing.blended is not None, len(viewer.drawing.lines), viewer.drawing.dots is not None))
         viewer.handle_key("k")
-    assert len(set(parts)) == len(SHOWS) and viewer.show == 0
+    assert len(set(parts)) == len(SHOWS) and viewer.shown == SHOWS[0]
 
 
 def test_b_is_wind_from_the_left_from_the_right_and_none(viewer):
@@ -130,7 +130,7 @@ def test_m_goes_to_the_next_method_once_that_was_told(viewer):
     names = list(schemes())
     viewer.simulation.safe_dt = 1e-9
     viewer.handle_key("m")
-    viewer.catch_up()
+    viewer.do_pending()
     assert "is beyond its safe 1e-09 s" in viewer.notice
     viewer.update()
     assert any("unsafe dt" in text.words for text in overlay(viewer).texts)
@@ -138,7 +138,7 @@ def test_m_goes_to_the_next_method_once_that_was_told(viewer):
     assert not any("unsafe dt" in text.words for text in overlay(viewer).texts)
     for k in range(len(names)):
         viewer.handle_key("m")
-        assert viewer.notice.startswith("compiling") and viewer.catch_up() and not viewer.catch_up()
+        assert viewer.notice.startswith("compiling") and viewer.do_pending() and not viewer.do_pending()
         assert viewer.simulation.method == names[(names.index("rk4") + 1 + k) % len(names)]
 
 
@@ -151,14 +151,14 @@ def test_a_first_frame_is_told_before_it_is_compiled(viewer, monkeypatch):
     step = viewer.simulation.frame_dt
     assert viewer.advance(step) == 0 and viewer.simulation.time == 0.0
     assert viewer.notice == "compiling rk4 ..." and viewer.advance(step) == 0
-    assert viewer.catch_up() and viewer.simulation.time == pytest.approx(step) and viewer.notice == ""
+    assert viewer.do_pending() and viewer.simulation.time == pytest.approx(step) and viewer.notice == ""
     assert viewer.advance(step) == 1
     viewer.handle_key("m")
-    viewer.catch_up()
+    viewer.do_pending()
     method = viewer.simulation.method
     assert method != "rk4" and viewer.notice == f"method: {method}"
     assert viewer.advance(step) == 0 and viewer.notice == f"compiling {method} ..."
-    viewer.catch_up()
+    viewer.do_pending()
     assert viewer.notice == f"method: {method}"
     viewer.update()
     assert any(text.words.startswith(f"{method} ") for text in overlay(viewer).texts)
@@ -169,8 +169,8 @@ def test_keys_pressed_while_something_waits_follow_in_their_order(viewer):
     for key in ("m", "j", "c", "m", " "):
         assert viewer.handle_key(key)
     assert not calls and viewer.color == "force" and not viewer.paused
-    assert viewer.catch_up() and len(calls) == 1 and viewer.color == "strain" and not viewer.paused
-    assert viewer.catch_up() and viewer.paused and not viewer.catch_up()
+    assert viewer.do_pending() and len(calls) == 1 and viewer.color == "strain" and not viewer.paused
+    assert viewer.do_pending() and viewer.paused and not viewer.do_pending()
     assert viewer.simulation.method == names[(names.index("rk4") + 2) % len(names)]
 
 
@@ -194,7 +194,7 @@ def test_a_method_without_a_safe_step_is_passed_over(viewer, monkeypatch):
 
     monkeypatch.setattr(viewer.simulation, "change_method", change, raising=False)
     viewer.handle_key("m")
-    viewer.catch_up()
+    viewer.do_pending()
     assert viewer.simulation.method == names[(names.index("rk4") + 2) % len(names)]
 
 
@@ -247,7 +247,7 @@ def test_what_is_written_on_a_small_picture_can_be_read(viewer, size):
     viewer.update()
     sheet = legend(viewer.drawing.key, 0.05, size)
     parts = [text.segments().reshape(-1, 2) for text in sheet.texts]
-    assert min(text.height for text in sheet.texts) >= LEAST - 1e-9
+    assert min(text.height for text in sheet.texts) >= MIN_TEXT - 1e-9
     assert all((part > 0.0).all() and (part < size).all() for part in parts)
     time, scale_end = parts[0], parts[-1]
     assert scale_end[:, 0].max() < time[:, 0].min()

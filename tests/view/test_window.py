@@ -214,6 +214,6 @@ def press_the_other_keys(person):
     color, show = person.state["color"], person.state["show"]
     person.press("c", "c")
     person.press("k", "k")
-    person.wait_for(lambda: person.state["color"] != color and person.state["show"] == show + 1)
+    person.wait_for(lambda: person.state["color"] != color and person.state["show"] != show)
     person.press("n", "n")
     person.wait_for(lambda: person.state["title"] != "probe", 30.0)

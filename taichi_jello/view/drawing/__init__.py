@@ -1,1 +1,1 @@
-"""From a state to what is drawn."""
+"""From a simulation's state to triangles, lines and dots."""

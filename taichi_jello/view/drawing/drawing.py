@@ -1,5 +1,4 @@
-"""From a simulation's state to what a renderer draws: the same triangles, lines and dots for every
-renderer."""
+"""From a simulation's state to the triangles, lines and dots that every renderer draws."""
 
 import numpy as np
 
@@ -11,15 +10,15 @@ from taichi_jello.view.camera import ASPECT, Viewpoint
 from taichi_jello.view.drawing import palette
 from taichi_jello.view.drawing.embedded import Embedded
 from taichi_jello.view.drawing.primitives import Dots, Lines, Triangles
-from taichi_jello.view.drawing.shading import look_from
+from taichi_jello.view.drawing.shading import EYE, camera_rows
 from taichi_jello.view.drawing.shadow import Shadow
 from taichi_jello.view.drawing.skin import Skin
 from taichi_jello.view.drawing.springs import Key, Springs
 from taichi_jello.view.drawing.surroundings import Surroundings
 
-SUNK = 0.05  # m into a floor to which a skin is drawn upon it
-OVER = 0.0008  # of the eye's distance: over the shadow on it
-DOT = 0.055  # a particle's drawn radius, of the median structural spring
+MAX_PENETRATION = 0.05  # m into a floor at which a skin is still drawn on top of it
+SKIN_LIFT = 0.0008  # of the eye's distance: above the shadow
+DOT_RADIUS = 0.055  # of the median structural rest length
 LAYERS = ("skin", "springs", "particles")
 HIDDEN = dict(zip(SHOWS, (set(), {"skin"}, {"springs", "particles"}, {"skin", "springs"}), strict=True))
 
@@ -27,63 +26,54 @@ HIDDEN = dict(zip(SHOWS, (set(), {"skin"}, {"springs", "particles"}, {"skin", "s
 class Drawing:
     """What one scene looks like now. Parts that the scene lacks are None and cost nothing.
 
-    `update` fills them for one moment and one viewpoint; `hidden` names the LAYERS that are left out: see `show`.
-    The first viewpoint is for a picture `aspect` times as wide as high.
-    """
+    `update` fills them for one moment; `hidden`: LAYERS to leave out; aspect: width over height of the picture."""
 
     def __init__(self, scene: Scene, body: Body, aspect: float = ASPECT):
         self.scene, self.body, self.count = scene, body, len(body)
-        self.hidden: set[str] = set()
         self.changing = any(jello.changes for jello in scene.jello)
         self.color = scene.camera.color
         self.viewpoint = Viewpoint.first(scene, body, aspect)
         self.surroundings = Surroundings(scene) if scene.collider else None
-        solids = [] if self.surroundings is None else [s for s in self.surroundings.surfaces if not s.level]
-        self._solids = solids
+        self._solids = [s for s in self.surroundings.surfaces if not s.planar] if self.surroundings else []
         self.springs = Springs(body) if len(body.springs) else None
+        self.hidden: set[str] = set()
         self.show(scene.camera.show)
-        self._whole: np.ndarray | None = None
-        self._dress(body)
+        self._whole = np.ones(len(body.springs), bool)
+        self._build_skins(body)
 
-    def _dress(self, body: Body) -> None:
-        """Make what depends on the body's skins."""
+    def _build_skins(self, body: Body) -> None:
+        """Build all that depends on the body's skins."""
         self.embedded = Embedded(body) if len(body.skin) else None
         self._skinned = self.count + (len(self.embedded) if self.embedded is not None else 0)
-        # The particles, the points of embedded skins, and those of colliders that cast a shadow.
+        # Particles, then points of embedded skins, then points of solid colliders, which cast shadows.
         self._points = np.zeros((self._skinned + sum(len(s.points) for s in self._solids), 3), np.float32)
-        self._speeds = np.zeros((self.count, 3), np.float32)
+        self._velocities = np.zeros((self.count, 3), np.float32)
         self.skin = Skin(body, self.embedded) if len(body.bare_surface) or self.embedded is not None else None
         self.shadows = self._make_shadows(body)
-        # Particles outside an embedded skin are only its scaffold.
-        self._inside = np.flatnonzero(body.inside) if self.embedded is not None else None
-        shown = self.points if self._inside is None else self.points[self._inside]
-        self._dots = Dots(shown, np.tile(palette.PARTICLE, (len(shown), 1)).astype(np.float32), _radius(body))
-
-    def _tear(self, whole: np.ndarray | None) -> None:
-        """Show what is left of the skins, if that has changed."""
-        whole = None if whole is None or whole.all() else whole
-        before, self._whole = self._whole, whole
-        if whole is not before and (whole is None or before is None or not np.array_equal(whole, before)):
-            self._dress(self.body if whole is None else parted(self.body, whole))
+        # The particles of an embedded skin that lie outside it are not drawn.
+        self._dotted = np.flatnonzero(body.inside) if self.embedded is not None else slice(self.count)
+        x = self._points[self._dotted]
+        self._dots = Dots(x, np.tile(palette.PARTICLE, (len(x), 1)).astype(np.float32), _dot_radius(body))
 
     def show(self, what: str) -> None:
-        """Draw what is named, one of SHOWS, from now on."""
+        """Choose what to draw, one of SHOWS."""
         self.hidden = set(HIDDEN[what])
         if self.springs is not None:
             self.springs.everything = what == "all springs"
 
     @property
     def points(self) -> np.ndarray:
-        """(N, 3) float32: the particles when last updated [m]."""
+        """(N, 3) float32: the particles [m] at the last update."""
         return self._points[: self.count]
 
     def _make_shadows(self, body: Body) -> list[tuple[int, Shadow]]:
+        """A shadow on each planar surface that faces up, with the surface's number."""
         if self.surroundings is None:
             return []
-        # A jello without a skin casts its springs' shadows: triangles of no area cover one cell in width.
+        # A jello without a skin casts the shadows of its springs: triangles without area, drawn one cell wide.
         bare = np.setdiff1d(body.jello, body.jello[body.surface])
-        threads = body.springs[np.isin(body.jello[body.springs[:, 0]], bare)]
-        faces = [body.bare_surface, threads[:, [0, 1, 1]]]
+        lines = body.springs[np.isin(body.jello[body.springs[:, 0]], bare)]
+        faces = [body.bare_surface, lines[:, [0, 1, 1]]]
         if self.embedded is not None:
             faces.append(self.embedded.index + self.count)
         start = self._skinned
@@ -92,91 +82,82 @@ class Drawing:
             start += len(solid.points)
         joined = np.concatenate(faces)
         extent = float(np.ptp(body.x, axis=0).max()) if self.count > 1 else 0.0
-        level = [(i, s) for i, s in enumerate(self.surroundings.surfaces) if s.level and s.normal[0][1] > 0.3]
-        return [(i, Shadow(s, joined, extent)) for i, s in level] if len(joined) and extent > 0.0 else []
+        if not len(joined) or extent <= 0.0:
+            return []
+        floors = [(i, s) for i, s in enumerate(self.surroundings.surfaces) if s.planar and s.normal[0][1] > 0.3]
+        return [(i, Shadow(surface, joined, extent)) for i, surface in floors]
 
-    def update(
-        self,
-        x: np.ndarray,
-        v: np.ndarray,
-        time: float,
-        *,
-        viewpoint: Viewpoint | None = None,
-        color: str = "",
-        memory: Memory = NOTHING,
-    ) -> None:
-        """Fill every part from positions x (N, 3) [m] and velocities v (N, 3) [m/s] at `time` [s], as seen
-        from `viewpoint`. color, one of COLORS, and viewpoint are by default the scene's own; `memory`, of a
-        Snapshot, says what has changed in the springs."""
+    def update(self, x: np.ndarray, v: np.ndarray, time: float, *, color: str = "", memory: Memory = NOTHING) -> None:
+        """Fill every part from positions x and velocities v (N, 3) [m, m/s] at `time` [s], seen from `viewpoint`.
+        color: one of COLORS, by default the scene's, else ValueError; memory: the changes of springs in a Snapshot."""
         color = color or self.color
         if color not in COLORS:
             raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
-        self.viewpoint = self.viewpoint if viewpoint is None else viewpoint
-        look = look_from(self.viewpoint)
+        camera = camera_rows(self.viewpoint)
         if self.changing:
-            self._tear(memory.get("whole"))
-        self._points[: self.count], self._speeds[:] = x, v
-        skin = self._points[self.count : self._skinned]
+            self._change(time, memory)
+        self._points[: self.count], self._velocities[:] = x, v
         if self.embedded is not None:
-            self.embedded.update(self._points[: self.count], skin)
-            self._dots.x[:] = self._points[self._inside]
-        if self.surroundings is not None:
-            origins = self.surroundings.origins(time)
-            self._move_solids(self.surroundings, origins)
-            self.surroundings.update(origins, look)
-            for index, shadow in self.shadows:
-                shadow.update(self._points, origins[index], look)
+            self.embedded.update(self._points[: self.count], self._points[self.count : self._skinned])
         if self.springs is not None:
-            if self.changing:
-                self.springs.obey(springs_at(self.scene, self.body, time, memory))
-            self.springs.update(self._points, self._speeds, look, color)
+            self.springs.update(self._points, self._velocities, camera, color)
+        self._dots.x[:] = self._points[self._dotted]
         if self.skin is not None and "skin" not in self.hidden:
-            self.skin.place(self._points, skin)
-            if self.surroundings is not None:
-                self._lay(self.skin.triangles.x, self.surroundings, origins, look[0])
-            self.skin.shade(look)
+            self.skin.place(self._points, self._points[self.count : self._skinned])
+        if self.surroundings is not None:
+            self._update_surroundings(self.surroundings, self.surroundings.origins(time), camera)
+        if self.skin is not None and "skin" not in self.hidden:
+            self.skin.shade(camera)
 
-    def _move_solids(self, surroundings: Surroundings, origins: np.ndarray) -> None:
+    def _change(self, time: float, memory: Memory) -> None:
+        """Follow springs that creep, melt or tear; torn springs take their part of the skin with them."""
+        whole = memory.get("whole", np.ones_like(self._whole))
+        if not np.array_equal(whole, self._whole):
+            self._whole = whole
+            self._build_skins(self.body if whole.all() else parted(self.body, whole))
+        if self.springs is not None:
+            self.springs.set_state(springs_at(self.scene, self.body, time, memory))
+
+    def _update_surroundings(self, surroundings: Surroundings, origins: np.ndarray, camera: np.ndarray) -> None:
+        """Move the colliders to their origins, cast shadows, and lift the skin out of penalty floors."""
         start = self._skinned
         for surface, origin in zip(surroundings.surfaces, origins, strict=True):
-            if not surface.level:
+            if not surface.planar:
                 self._points[start : start + len(surface.points)] = surface.points + origin
                 start += len(surface.points)
-
-    @staticmethod
-    def _lay(skin: np.ndarray, surroundings: Surroundings, origins: np.ndarray, eye: np.ndarray) -> None:
-        """Draw what a penalty floor lets sink into it on the floor, that is visible through the rest."""
-        for surface, origin in zip(surroundings.surfaces, origins, strict=True):
-            if surface.level:
-                height = (skin - surface.points[0] - origin) @ surface.normal[0]
-                over = OVER * float(np.linalg.norm(eye - origin))
-                low = np.flatnonzero((height < over) & (height > -SUNK))
-                skin[low] += np.outer(over - height[low], surface.normal[0])
+            elif self.skin is not None and "skin" not in self.hidden:
+                x, normal = self.skin.triangles.x, surface.normal[0]
+                height = (x - surface.points[0] - origin) @ normal
+                lift = SKIN_LIFT * float(np.linalg.norm(camera[EYE] - origin))
+                low = np.flatnonzero((height < lift) & (height > -MAX_PENETRATION))
+                x[low] += np.outer(lift - height[low], normal)
+        surroundings.update(origins, camera)
+        for index, shadow in self.shadows:
+            shadow.update(self._points, origins[index], camera)
 
     @property
     def key(self) -> Key:
-        """What the springs' colours mean now."""
+        """The meaning of the springs' colours now."""
         return self.springs.key if self.springs is not None and "springs" not in self.hidden else Key()
 
     @property
-    def opaque(self) -> list[Triangles]:
-        around = [] if self.surroundings is None else [self.surroundings.triangles]
-        return around + self.cast
-
-    @property
-    def cast(self) -> list[Triangles]:
-        """The shadows."""
+    def shadow_triangles(self) -> list[Triangles]:
         return [shadow.triangles for _, shadow in self.shadows]
 
     @property
-    def lines(self) -> list[Lines]:
-        grid = [] if self.surroundings is None else [self.surroundings.lines]
-        return [lines for lines in grid + self.threads if len(lines.x)]
+    def opaque(self) -> list[Triangles]:
+        """Colliders and shadows."""
+        return [*([self.surroundings.triangles] if self.surroundings else []), *self.shadow_triangles]
 
     @property
-    def threads(self) -> list[Lines]:
-        """The springs."""
+    def spring_lines(self) -> list[Lines]:
         return [] if self.springs is None or "springs" in self.hidden else [self.springs.lines]
+
+    @property
+    def lines(self) -> list[Lines]:
+        """The grids of floors, and springs."""
+        grid = [self.surroundings.lines] if self.surroundings else []
+        return [lines for lines in grid + self.spring_lines if len(lines.x)]
 
     @property
     def dots(self) -> Dots | None:
@@ -187,7 +168,7 @@ class Drawing:
         return None if self.skin is None or "skin" in self.hidden else self.skin.triangles
 
 
-def _radius(body: Body) -> float:
+def _dot_radius(body: Body) -> float:
     near = body.rest_length[body.family == 0]
     near = near if len(near) else body.rest_length
-    return DOT * float(np.median(near)) if len(near) else 0.02
+    return DOT_RADIUS * float(np.median(near)) if len(near) else 0.02

@@ -1,4 +1,4 @@
-"""Embedded skins as they are drawn: points carried along by the particles of their cells, with smooth normals."""
+"""Embedded skins: points that move with the particles of their cells, with smooth normals."""
 
 import numpy as np
 import taichi as ti
@@ -10,11 +10,11 @@ from taichi_jello.view.drawing.subdivide import smooth_patches
 
 @ti.kernel
 def carry(x: Array2, cells: Index2, first: Index1, places: Array2, facing: Array2, points: Array2, normals: Array2):
-    """points: those from first[c] to first[c + 1] are where their places, 0 to 1 along each side, are in cell c with
-    its corners `cells` at x; normals: of surfaces that face as `facing` in the undeformed cell, at length 1."""
+    """Trilinear interpolation. Cell c with the corners cells[c] of particles x carries the points first[c] up to
+    first[c + 1], at `places` from 0 to 1 along each side; `facing` are the normals in the undeformed cell."""
     ti.loop_config(block_dim=64)
     for c in range(cells.shape[0]):
-        # The trilinear map as a polynomial: what a step along a, b and c adds, and what two and all three do beyond.
+        # The map as a polynomial in the place; p, pa, pb … pabc: the corner and those a step along a, b, c away.
         p, pc, pb, pbc = row(x, cells[c, 0]), row(x, cells[c, 1]), row(x, cells[c, 2]), row(x, cells[c, 3])
         pa, pac, pab, pabc = row(x, cells[c, 4]), row(x, cells[c, 5]), row(x, cells[c, 6]), row(x, cells[c, 7])
         a, b, d = pa - p, pb - p, pc - p
@@ -24,7 +24,7 @@ def carry(x: Array2, cells: Index2, first: Index1, places: Array2, facing: Array
             at, n = row(places, i), row(facing, i)
             along_a, along_b = a + at[1] * (ab + at[2] * abd) + at[2] * ad, b + at[2] * bd
             put(points, i, p + at[0] * along_a + at[1] * along_b + at[2] * d)
-            # Areas go by the cofactors of the map's slope.
+            # Normals transform by the cofactors of the map's gradient.
             along_b += at[0] * (ab + at[2] * abd)
             along_d = d + at[0] * ad + at[1] * (bd + at[0] * abd)
             n = n[0] * along_b.cross(along_d) + n[1] * along_d.cross(along_a) + n[2] * along_a.cross(along_b)
@@ -32,22 +32,21 @@ def carry(x: Array2, cells: Index2, first: Index1, places: Array2, facing: Array
 
 
 class Embedded:
-    """points (P, 3) float32 [m] and their normals (P, 3), index (T, 3) triangles, jello (P,) whose they are.
-
-    A point of the skin at a sharp edge is drawn once for each of the smooth patches that meet there."""
+    """The mesh of embedded skins: normals (P, 3) of its points, index (T, 3), jello (P,) that each point belongs to.
+    A point on a sharp edge is there once for each smooth patch that meets the edge."""
 
     def __init__(self, body: Body):
         rest = body.skin_points(body.rest)
         start, faces = smooth_patches(rest, body.skin)
-        # Corners of triangles at the same point whose patches have the same triangles are drawn as one point.
+        # Triangle corners at the same point become one if their patches consist of the same triangles.
         corner = body.skin.ravel().astype(np.int64)
-        names = np.random.default_rng(0).integers(2**53, size=len(body.skin))  # whose sums tell sets of faces apart
+        names = np.random.default_rng(0).integers(2**53, size=len(body.skin))  # their sums identify sets of faces
         patch = np.add.reduceat(names[faces], start[:-1])
         order = np.lexsort((patch, corner))
         new = (np.diff(corner[order], prepend=-1) != 0) | (np.diff(patch[order], prepend=-1) != 0)
         chosen, which = order[new], np.empty(len(order), np.int64)
         which[order] = np.cumsum(new) - 1
-        # Points cell by cell and triangles after their points: what is read together lies together.
+        # Sort points by cell and triangles by their points, for locality.
         cells, cell = np.unique(body.skin_corners[corner[chosen]], axis=0, return_inverse=True)
         by_cell = np.argsort(cell.ravel(), kind="stable")
         chosen, index = chosen[by_cell], np.argsort(by_cell)[which].reshape(-1, 3)
@@ -58,11 +57,11 @@ class Embedded:
         self.normals = np.zeros((len(point), 3), np.float32)
         self._cells = np.ascontiguousarray(cells, np.int32)
         self._first = np.searchsorted(cell.ravel()[by_cell], np.arange(len(cells) + 1)).astype(np.int32)
-        # Trilinear weights sum to the place in the cell over the corners that are one step along each side.
+        # The place along a side is the sum of the trilinear weights of the corners at its end.
         steps = np.array([[k >> 2, k >> 1 & 1, k & 1] for k in range(8)])
         self._places = (body.skin_weights[point] @ steps).astype(np.float32)
-        # Normals as the undeformed cell sees them, which may be longer one way than another.
-        ends = body.rest[cells[:, [0, 4, 2, 1]]]
+        # Normals in the coordinates of the undeformed cell, whose sides may differ.
+        ends = body.rest[cells[:, [0, 4, 2, 1]]]  # a corner, and the next along each side
         sides = np.stack([ends[:, k + 1, k] - ends[:, 0, k] for k in range(3)], 1)[cell.ravel()[by_cell]]
         ways = rest[body.skin[:, 1:]] - rest[body.skin[:, :1]]
         normals = np.add.reduceat(np.cross(ways[:, 0], ways[:, 1])[faces], start[:-1])[chosen]
@@ -73,5 +72,5 @@ class Embedded:
         return len(self.normals)
 
     def update(self, x: np.ndarray, points: np.ndarray) -> None:
-        """Write the points (P, 3) float32 for particles at x (N, 3) float32 [m], and the normals."""
+        """Fill `points` (P, 3) float32 and the normals for particles at x (N, 3) float32 [m]."""
         carry(x, self._cells, self._first, self._places, self._facing, points, self.normals)

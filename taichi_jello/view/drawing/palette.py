@@ -1,9 +1,9 @@
-"""The colours and the light of every picture, linear in nothing: plain display RGB between 0 and 1."""
+"""The colours and the light of every picture: display RGB (gamma-encoded) between 0 and 1."""
 
 import numpy as np
 
 SKY_TOP = np.array([0.765, 0.835, 0.905])
-SKY_LOW = np.array([0.955, 0.962, 0.970])  # the lower edge of the picture, and what the ground fades into
+SKY_LOW = np.array([0.955, 0.962, 0.970])  # at the lower edge of the picture
 GROUND = np.array([0.885, 0.890, 0.900])
 GRID = np.array([0.640, 0.665, 0.705])
 EDGE = np.array([0.55, 0.58, 0.63])
@@ -16,33 +16,14 @@ PAPER = np.array([0.985, 0.985, 0.990])
 
 # One skin colour per jello, in turn: raspberry, lime, blueberry, orange, grape, lagoon.
 SKINS = np.array(
-    [
-        [0.93, 0.20, 0.30],
-        [0.35, 0.72, 0.22],
-        [0.24, 0.42, 0.90],
-        [0.97, 0.55, 0.12],
-        [0.58, 0.28, 0.80],
-        [0.10, 0.66, 0.66],
-    ]
+    [[0.93, 0.2, 0.3], [0.35, 0.72, 0.22], [0.24, 0.42, 0.9], [0.97, 0.55, 0.12], [0.58, 0.28, 0.8], [0.1, 0.66, 0.66]]
 )
-
-# Blue without force, red at the most, and never through a grey that would vanish in the skin.
+# From blue at zero to red at the maximum, without a grey that would vanish in the skin.
 FORCE_RAMP = np.array(
-    [
-        [0.09, 0.20, 0.78],
-        [0.10, 0.55, 0.86],
-        [0.22, 0.72, 0.42],
-        [0.96, 0.74, 0.12],
-        [0.86, 0.07, 0.09],
-    ]
+    [[0.09, 0.20, 0.78], [0.10, 0.55, 0.86], [0.22, 0.72, 0.42], [0.96, 0.74, 0.12], [0.86, 0.07, 0.09]]
 )
 FAMILIES = np.array([[0.12, 0.30, 0.80], [0.90, 0.47, 0.08], [0.10, 0.58, 0.34], [0.45, 0.45, 0.48]])
 PLAIN = np.array([0.20, 0.24, 0.34])
 
 _KEY = np.array([-0.42, 1.0, 0.46])
 KEY_LIGHT = _KEY / np.linalg.norm(_KEY)  # towards the lamp, over the viewer's left shoulder
-
-
-def skin(jello: np.ndarray) -> np.ndarray:
-    """(n, 3) colours of the jellos numbered `jello` (n,)."""
-    return SKINS[np.asarray(jello) % len(SKINS)]

@@ -1,17 +1,17 @@
-"""The three kinds of things a renderer draws. Plain NumPy memory, written in place by kernels every frame."""
+"""The three primitives of the renderers: NumPy arrays that kernels fill every frame."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-WIDTH = 1.25  # pixels of a picture 720 rows high; one width for all lines lets GGUI draw them at once
+ROWS = 720  # height of the picture [pixels] that sizes of lines and text are given for
+WIDTH = 1.25  # pixels at that height; GGUI draws lines of one width in one call
 
 
 @dataclass
 class Triangles:
-    """x (V, 3) [m]; rgba (V, 4) between 0 and 1, interpolated and never lit again; index (T, 3) int32.
-
-    Opaque unless drawn as a skin, which is blended over what lies behind it in the order of its triangles."""
+    """x (V, 3) [m]; rgba (V, 4) between 0 and 1, interpolated, lighting included; index (T, 3) int32.
+    Opaque, except a skin, whose triangles are blended in their order."""
 
     x: np.ndarray
     rgba: np.ndarray
@@ -25,20 +25,20 @@ class Triangles:
 
 @dataclass
 class Lines:
-    """x (2L, 3) [m]: both ends of each segment; rgb (2L, 3); width in pixels of a picture 720 rows high."""
+    """x (2L, 3) [m]: both ends of each segment; rgb (2L, 3); width in pixels of a picture of ROWS."""
 
     x: np.ndarray
     rgb: np.ndarray
-    width: float
+    width: float = WIDTH
 
     @classmethod
-    def empty(cls, count: int, width: float) -> "Lines":
-        return cls(np.zeros((2 * count, 3), np.float32), np.zeros((2 * count, 3), np.float32), width)
+    def empty(cls, count: int) -> "Lines":
+        return cls(np.zeros((2 * count, 3), np.float32), np.zeros((2 * count, 3), np.float32))
 
 
 @dataclass
 class Dots:
-    """x (n, 3) [m]: the middles of flat discs that face the eye; rgb (n, 3); radius [m]."""
+    """Discs that face the eye. x (n, 3): centres [m]; rgb (n, 3); radius [m]."""
 
     x: np.ndarray
     rgb: np.ndarray

@@ -1,7 +1,4 @@
-"""Light, baked into the colours of vertices.
-
-`look` is the camera: a (5, 3) float32 array made by `look_from`. p is a point, n a unit normal.
-"""
+"""Lighting of vertices. `camera` is the array of `camera_rows`, p a point, n a unit normal."""
 
 import numpy as np
 import taichi as ti
@@ -14,45 +11,47 @@ from taichi_jello.view.drawing.rows import row, vec3
 KEY, FLOOR, SOLID, SKY_TOP, SKY_LOW = (
     vec3(*color) for color in (palette.KEY_LIGHT, palette.GROUND, palette.OBSTACLE, palette.SKY_TOP, palette.SKY_LOW)
 )
-REACH = 11.0  # m; an endless plane is drawn this far from the origin
-NEAREST = NEAR * 1.02  # a clipped end stays just in front of the plane, whatever the rounding
-TOWARDS_EYE = 0.004  # lines are drawn this much nearer, so that the surface they lie on does not hide them
+EYE, RIGHT, UP, FORWARD, LENS = range(5)  # rows of a camera
+FOCAL = 0  # column of LENS
+REACH = 11.0  # m; an infinite plane is drawn this far from the origin
+MIN_DEPTH = NEAR * 1.02  # m; a clipped end stays in front of the near plane despite rounding
+LINE_LIFT = 0.004  # of their distance; lines are drawn nearer, or the surface they lie on would hide them
 
 
-def look_from(viewpoint: Viewpoint) -> np.ndarray:
-    """(5, 3) float32: eye, right, up, forward, and (focal length, 0, 0)."""
+def camera_rows(viewpoint: Viewpoint) -> np.ndarray:
+    """(5, 3) float32: EYE [m], RIGHT, UP, FORWARD, and LENS, which holds the focal length."""
     right, up, back = viewpoint.axes()
     focal = 1.0 / np.tan(np.radians(viewpoint.fov) / 2.0)
     return np.array([viewpoint.eye, right, up, -back, [focal, 0.0, 0.0]], np.float32)
 
 
 @ti.func
-def backdrop(p, look: ti.template()):
+def backdrop(p, camera: ti.template()):
     """The colour of the picture's background behind the point p."""
-    d = p - row(look, 0)
-    depth = ti.max(d.dot(row(look, 3)), NEAREST)
-    height = 0.5 + 0.5 * look[4, 0] * d.dot(row(look, 2)) / depth
+    d = p - row(camera, EYE)
+    depth = ti.max(d.dot(row(camera, FORWARD)), MIN_DEPTH)
+    height = 0.5 + 0.5 * camera[LENS, FOCAL] * d.dot(row(camera, UP)) / depth
     return mix(SKY_LOW, SKY_TOP, clamp(height, 0.0, 1.0))
 
 
 @ti.func
-def ground(p, n, look: ti.template()):
-    """An even floor under a soft sky; fades into the background before it ends REACH [m] from the origin."""
+def ground(p, n, camera: ti.template()):
+    """A floor under a soft sky; it fades into the background before it ends REACH [m] from the origin."""
     light = 0.80 + 0.20 / KEY[1] * ti.max(n.dot(KEY), 0.0)
     fade = smoothstep(0.22 * REACH, 0.96 * REACH, ti.sqrt(p[0] * p[0] + p[2] * p[2]))
-    return mix(FLOOR * light, backdrop(p, look), fade)
+    return mix(FLOOR * light, backdrop(p, camera), fade)
 
 
 @ti.func
 def gloss(n, to_eye, sharpness):
-    """The lamp's reflection (Blinn)."""
+    """Blinn's specular reflection of the lamp."""
     return ti.max(n.dot((to_eye + KEY).normalized(1e-20)), 0.0) ** sharpness
 
 
 @ti.func
-def matte(p, n, look: ti.template()):
-    """A satin solid: soft sky from above, lamp, a pale rim."""
-    to_eye = (row(look, 0) - p).normalized(1e-20)
+def matte(p, n, camera: ti.template()):
+    """A satin solid under a soft sky, with the lamp and a pale rim."""
+    to_eye = (row(camera, EYE) - p).normalized(1e-20)
     sky = 0.62 + 0.18 * n[1]
     lamp = 0.36 * ti.max((n.dot(KEY) + 0.25) / 1.25, 0.0)
     rim = 0.16 * (1.0 - ti.max(n.dot(to_eye), 0.0)) ** 3
@@ -60,13 +59,10 @@ def matte(p, n, look: ti.template()):
 
 
 @ti.func
-def gel(albedo, p, n, look: ti.template()):
-    """Colour and alpha of a translucent skin: clear where it is seen face on, dense and bright towards its edges.
-
-    The inner side, seen through the body, is darker and more saturated, as light there crossed more of the
-    gel.
-    """
-    to_eye = (row(look, 0) - p).normalized(1e-20)
+def gel(albedo, p, n, camera: ti.template()):
+    """Colour and alpha of a translucent skin: clear where it faces the eye, dense and bright at its silhouette. The
+    inner side is darker and more saturated: its light has crossed more gel."""
+    to_eye = (row(camera, EYE) - p).normalized(1e-20)
     facing, lit = n.dot(to_eye), n.dot(KEY)
     edge = (1.0 - ti.min(ti.abs(facing), 1.0)) ** 2.5
     wrapped = ti.max((lit + 0.55) / 1.55, 0.0)
@@ -76,24 +72,22 @@ def gel(albedo, p, n, look: ti.template()):
         color = albedo * (0.35 * albedo + 0.55) * (0.85 + 0.25 * ti.max(-lit, 0.0))
         alpha, shine = 0.34 + 0.20 * edge, 0.10 * gloss(-n, to_eye, 20.0)
     shine = clamp(shine, 0.0, 1.0)
-    # A reflection is added light: over the body it blends to the same as one layer of this colour and alpha.
+    # Blending the gel and then adding the reflection equals one layer of this colour and alpha.
     total = 1.0 - (1.0 - alpha) * (1.0 - shine)
     color = ti.min((color * alpha * (1.0 - shine) + shine) / total, 1.0)
     return ti.Vector([color[0], color[1], color[2], total])
 
 
-def clip(ends: np.ndarray, look: np.ndarray, lift: float) -> None:
-    """Shorten segments, in place, to their part before the eye; one behind it becomes a point.
-
-    ends (2L, 3) float32 are also moved `lift` of their distance nearer along the line of sight, which leaves
-    their places in the picture unchanged."""
-    eye, forward = look[0], look[3]
-    ends += (eye - ends) * np.float32(lift)
+def clip(ends: np.ndarray, camera: np.ndarray) -> None:
+    """Clip segments, in place, at the near plane; one behind it shrinks to a point.
+    ends (2L, 3) float32 also move LINE_LIFT of their distance towards the eye, which leaves their pixels unchanged."""
+    eye, forward = camera[EYE], camera[FORWARD]
+    ends += (eye - ends) * np.float32(LINE_LIFT)
     depth = ((ends - eye) @ forward).reshape(-1, 2)
     for near, far in ((0, 1), (1, 0)):
-        cut = np.flatnonzero(depth[:, near] < NEAREST)
+        cut = np.flatnonzero(depth[:, near] < MIN_DEPTH)
         if len(cut):
             p, q = ends[2 * cut + near], ends[2 * cut + far]
-            reach = np.maximum(depth[cut, far] - depth[cut, near], 1e-9)
-            t = np.clip((NEAREST - depth[cut, near]) / reach, 0.0, 1.0)
+            span = np.maximum(depth[cut, far] - depth[cut, near], 1e-9)
+            t = np.clip((MIN_DEPTH - depth[cut, near]) / span, 0.0, 1.0)
             ends[2 * cut + near] = p + (q - p) * t[:, None]

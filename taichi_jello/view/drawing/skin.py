@@ -1,5 +1,4 @@
-"""The translucent skin: a finer mesh over the body's surface, or the one embedded in it, shaded smoothly and sorted
-from back to front."""
+"""The translucent skin: a fine mesh over the body's surface, and embedded skins, sorted from back to front."""
 
 import numpy as np
 import taichi as ti
@@ -8,35 +7,31 @@ from taichi_jello.scene.body import Body
 from taichi_jello.view.drawing import palette
 from taichi_jello.view.drawing.embedded import Embedded
 from taichi_jello.view.drawing.primitives import Triangles
-from taichi_jello.view.drawing.rows import Array1, Array2, Index1, Index2, face_normal, put, row, sum_over, vec3
-from taichi_jello.view.drawing.shading import gel
+from taichi_jello.view.drawing.rows import Array1, Array2, Index1, Index2, face_normal, put, row, vec3
+from taichi_jello.view.drawing.shading import EYE, gel
 from taichi_jello.view.drawing.subdivide import subdivide
 
 
 @ti.kernel
-def cover(
-    x: Array2,
-    surface: Index2,
-    flat: Array2,
-    corner_start: Index1,
-    corner_face: Index1,
-    corner: Array2,
-    parent: Index2,
-    share: Array2,
-    start: Index1,
-    item: Index1,
-    weight: Array1,
-    points: Array2,
-    normal: Array2,
-):
-    """Fine `points` over the triangles `surface` of particles x, and their normals. flat: the triangles' normals, as
-    long as twice their area; corner: the normals of their corners over the faces of one smooth patch; see Fine."""
+def corner_normals(x: Array2, surface: Index2, flat: Array2, start: Index1, face: Index1, corner: Array2):
+    """Normals of face corners over smooth neighbours, see FineMesh, from `flat`, the normals of the coarse faces."""
     ti.loop_config(block_dim=1024)
     for t in range(surface.shape[0]):
         put(flat, t, face_normal(x, surface, t))
     ti.loop_config(block_dim=1024)
     for c in range(corner.shape[0]):
-        put(corner, c, sum_over(flat, corner_face, corner_start[c], corner_start[c + 1]).normalized(1e-20))
+        total = vec3(0.0)
+        for k in range(start[c], start[c + 1]):
+            total += row(flat, face[k])
+        put(corner, c, total.normalized(1e-20))
+
+
+@ti.kernel
+def fine_vertices(
+    x: Array2, parent: Index2, share: Array2, corner: Array2, start: Index1, item: Index1, weight: Array1,
+    points: Array2, normal: Array2,
+):  # fmt: skip
+    """Fine points and their normals from particles x and the normals of corners; see FineMesh."""
     ti.loop_config(block_dim=1024)
     for i in range(parent.shape[0]):
         p, n = vec3(0.0), vec3(0.0)
@@ -49,25 +44,21 @@ def cover(
 
 
 @ti.kernel
-def shade(x: Array2, normal: Array2, albedo: Array2, index: Index2, look: Array2, rgba: Array2, away: Array1):
-    """The colours of the skin's points, and how far its triangles are from the eye [m]: below zero if they show
-    their inner side."""
+def shade(x: Array2, normal: Array2, albedo: Array2, index: Index2, camera: Array2, rgba: Array2, away: Array1):
+    """Colours of points, and distances of triangles from the eye [m], negative if they show their inner side."""
     ti.loop_config(block_dim=1024)
     for i in range(x.shape[0]):
-        color = gel(row(albedo, i), row(x, i), row(normal, i), look)
+        color = gel(row(albedo, i), row(x, i), row(normal, i), camera)
         for k in ti.static(range(4)):
             rgba[i, k] = color[k]
     ti.loop_config(block_dim=1024)
     for t in range(index.shape[0]):
-        a = row(x, index[t, 0])
-        seen = a - row(look, 0)
-        outer = (row(x, index[t, 1]) - a).cross(row(x, index[t, 2]) - a).dot(seen) < 0.0
-        away[t] = seen.norm() if outer else -seen.norm()
+        seen = row(x, index[t, 0]) - row(camera, EYE)
+        away[t] = seen.norm() if face_normal(x, index, t).dot(seen) < 0.0 else -seen.norm()
 
 
 class Skin:
-    """`triangles` to blend in their order: jello after jello from the farthest, inner sides before outer
-    ones. First come those over the particles' surface, then those of embedded skins."""
+    """`triangles` in the order to blend them: the farthest jello first, inner sides before outer ones."""
 
     def __init__(self, body: Body, embedded: Embedded | None = None):
         self.surface = np.ascontiguousarray(body.bare_surface, np.int32)
@@ -82,7 +73,7 @@ class Skin:
             jello.append(embedded.jello)
             index.append(embedded.index + self.count)
         owner, self.index = np.concatenate(jello), np.ascontiguousarray(np.concatenate(index), np.int32)
-        self.albedo = palette.skin(owner).astype(np.float32)
+        self.albedo = palette.SKINS[owner % len(palette.SKINS)].astype(np.float32)
         self.owner = owner[self.index[:, 0]]
         self.triangles = Triangles.empty(len(owner), self.index)
         self._normal = np.zeros((len(owner), 3), np.float32)
@@ -91,27 +82,26 @@ class Skin:
         self._corner = np.zeros((3 * len(self.surface), 3), np.float32)
 
     def place(self, x: np.ndarray, skin: np.ndarray) -> None:
-        """Put the triangles where particles at x (N, 3) and points of embedded skins at skin (P, 3) [m] carry them."""
-        out, f = self.triangles, self.fine
-        if f is not None:
-            surface = self.surface, self._flat, f.corner_start, f.corner_face, self._corner
-            fine = f.parent, f.share, f.start, f.item, f.weight
-            cover(x, *surface, *fine, out.x[: self.count], self._normal[: self.count])
+        """Move the vertices to the particles at x (N, 3) and the points of embedded skins at skin (P, 3) [m]."""
+        out, fine = self.triangles, self.fine
+        if fine is not None:
+            corner_normals(x, self.surface, self._flat, fine.corner_start, fine.corner_face, self._corner)
+            weights = self._corner, fine.start, fine.item, fine.weight
+            fine_vertices(x, fine.parent, fine.share, *weights, out.x[: self.count], self._normal[: self.count])
         if self.embedded is not None:
             out.x[self.count :], self._normal[self.count :] = skin, self.embedded.normals
 
-    def shade(self, look: np.ndarray) -> None:
-        """Colour them and put them in order, where they are now."""
+    def shade(self, camera: np.ndarray) -> None:
+        """Colour and sort the triangles where they are now."""
         out = self.triangles
-        shade(out.x, self._normal, self.albedo, self.index, look, out.rgba, self._away)
+        shade(out.x, self._normal, self.albedo, self.index, camera, out.rgba, self._away)
         out.index = self.index[self._order()]
 
     def _order(self) -> np.ndarray:
-        """(F,) triangles from back to front: the farther jello first, then inner sides, then the farther
-        triangle."""
+        """(F,) triangles by jello from the farthest, then inner sides first, then by distance from the farthest."""
         away = np.abs(self._away)
         count = np.bincount(self.owner)
         jello = np.bincount(self.owner, weights=away) / np.maximum(count, 1)
-        later = 2 * np.argsort(np.argsort(-jello))[self.owner] + (self._away > 0.0)
-        # One whole number to sort by: the bits of a float that is not negative grow with it.
-        return np.argsort((later << 32) - away.view(np.int32), kind="stable")
+        layer = 2 * np.argsort(np.argsort(-jello))[self.owner] + (self._away > 0.0)
+        # One integer to sort by: the bits of a non-negative float grow with it.
+        return np.argsort((layer << 32) - away.view(np.int32), kind="stable")

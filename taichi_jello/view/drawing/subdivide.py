@@ -1,24 +1,20 @@
-"""Cutting a coarse surface into finer triangles, with smooth normals inside its patches and soft bevels at
-its edges."""
+"""Subdivision of a coarse surface into finer triangles, with smooth normals and bevelled edges."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-SMOOTH = np.cos(np.radians(50.0))  # faces that meet more sharply at rest belong to different patches
-ENOUGH = 5000  # fine triangles: beyond it a finer skin costs more than it shows
-FINEST = 3
+SMOOTH = np.cos(np.radians(50.0))  # faces that meet at a sharper angle at rest belong to different patches
+FINE_TRIANGLES = 5000  # aimed at; more cost more than they show
+MAX_CUTS = 3  # pieces of a coarse edge
 
 
 @dataclass(frozen=True)
-class Fine:
-    """parent (V, 3), share (V, 3): a fine vertex is a weighted mean of three particles; index (F, 3): fine
-    triangles.
-
-    The normal of a fine vertex i is the sum of weight[k] times the normal of corner item[k], k from start[i]
-    up to start[i + 1]. The normal of corner c (the c % 3-th of face c // 3) is that of all the faces
-    corner_face[k] of its smooth patch, k from corner_start[c] up to corner_start[c + 1].
-    """
+class FineMesh:
+    """A fine vertex is the mean of the particles parent (V, 3) with the weights share (V, 3); index (F, 3).
+    The normal of fine vertex i is the sum of weight[k] times the normal of corner item[k], for k from start[i] up to
+    start[i + 1]. Corner c is the (c % 3)-th of coarse face c // 3; its normal is that of the faces corner_face[k], for
+    k from corner_start[c] up to corner_start[c + 1], which are smooth neighbours."""
 
     parent: np.ndarray
     share: np.ndarray
@@ -31,7 +27,7 @@ class Fine:
 
 
 def _starts(owner: np.ndarray, count: int) -> np.ndarray:
-    """(count + 1,) where each owner's run begins in a list sorted by owner."""
+    """(count + 1,) where each owner's items begin in a list sorted by owner."""
     return np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=count))]).astype(np.int32)
 
 
@@ -42,8 +38,7 @@ def _normals(rest: np.ndarray, surface: np.ndarray) -> np.ndarray:
 
 
 def smooth_patches(rest: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(3T + 1,), (K,): for each corner of each face the faces around its particle that meet its own
-    smoothly."""
+    """Starts (3T + 1,) and faces (K,): for each face corner, the faces around it that meet its face smoothly."""
     normal = _normals(rest, surface)
     particle = surface.ravel()
     by_particle = np.argsort(particle, kind="stable")
@@ -57,7 +52,7 @@ def smooth_patches(rest: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _pattern(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """(P, 3) whole-number weights that sum to n, and (n², 3) triangles of one triangle cut n times a side."""
+    """One triangle with each side cut into n: (P, 3) integer weights that sum to n, and (n², 3) triangles."""
     number: dict[tuple[int, int], int] = {}
     for i in range(n + 1):
         for j in range(n + 1 - i):
@@ -68,8 +63,7 @@ def _pattern(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _weld(parent: np.ndarray, share: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(P,) the same number for points made of the same particles, unless the faces there turn their backs on
-    each other, as the two sides of a sheet do."""
+    """(P,) the vertex of each point: equal weights share one, except on the two sides of a sheet."""
     used = np.where(share > 0, parent, -1)
     order = np.argsort(used, axis=1)
     key = np.concatenate([np.take_along_axis(a, order, 1) for a in (used, share)], 1)
@@ -80,14 +74,11 @@ def _weld(parent: np.ndarray, share: np.ndarray, normal: np.ndarray) -> np.ndarr
     return np.unique(2 * same + side, return_inverse=True)[1].ravel()
 
 
-def subdivide(rest: np.ndarray, surface: np.ndarray) -> Fine:
-    """Cut each of the triangles surface (T, 3) over particles rest (N, 3) so that about ENOUGH come out.
-
-    Fine vertices on an edge between two patches get the mean of both normals, all others that of their own
-    patch: an edge looks bevelled by one fine triangle, and positions stay on the coarse triangles, where the
-    springs are.
-    """
-    n = int(np.clip(np.sqrt(ENOUGH / len(surface)), 1, FINEST))
+def subdivide(rest: np.ndarray, surface: np.ndarray) -> FineMesh:
+    """Cut the triangles surface (T, 3) over particles rest (N, 3) into about FINE_TRIANGLES.
+    Fine vertices stay on the coarse triangles, where the springs are. On an edge between two smooth patches they get
+    the mean of both normals, so that the edge looks bevelled by one fine triangle."""
+    n = int(np.clip(np.sqrt(FINE_TRIANGLES / len(surface)), 1, MAX_CUTS))
     weights, cut = _pattern(n)
     parent = np.repeat(surface, len(weights), axis=0)
     share = np.tile(weights, (len(surface), 1))
@@ -101,7 +92,7 @@ def subdivide(rest: np.ndarray, surface: np.ndarray) -> Fine:
     item = (3 * face[:, None] + np.arange(3)).ravel()[used]
     order = np.argsort(owner, kind="stable")
     corner_start, corner_face = smooth_patches(rest, surface)
-    return Fine(
+    return FineMesh(
         parent=parent[first].astype(np.int32),
         share=(share[first] / n).astype(np.float32),
         index=index.astype(np.int32),

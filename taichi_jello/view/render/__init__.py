@@ -1,1 +1,1 @@
-"""From what is drawn to a picture."""
+"""From a drawing to a picture."""

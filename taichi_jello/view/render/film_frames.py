@@ -1,30 +1,29 @@
-"""From a simulation to the frames of a film: which moment each frame shows, and one renderer for all of them."""
+"""The frames of a film: which moment each one shows, and its picture or mesh."""
 
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 
 from taichi_jello.film.writer import Mesh
 from taichi_jello.run.clock import steps_in
+from taichi_jello.run.simulation import Simulation
 from taichi_jello.support import runtime
-from taichi_jello.view.render.renderers import Renderer, drawing_of, finished, open_renderer
+from taichi_jello.view.render.renderers import Renderer, Run, drawing_of, finished, open_renderer
 
 
 class Clock:
-    """Steps a simulation to the moments of a film's frames: frame k is at speed·k/rate seconds after now, to the
-    nearest substep, and no frame's rounding reaches another's."""
+    """Steps a simulation to the frames of a film: frame k is speed·k/rate seconds from now, to the nearest substep."""
 
-    def __init__(self, simulation: Any, rate: Fraction, speed: float = 1.0):
+    def __init__(self, simulation: Run, rate: Fraction, speed: float = 1.0):
         self.simulation, self.per_frame = simulation, speed / float(rate)
         self._done = 0
 
     def frames(self, seconds: float) -> int:
-        """Frames of so many simulated seconds, at least 1."""
+        """Frames in so many simulated seconds, at least 1."""
         return max(1, steps_in(seconds, self.per_frame))
 
     def go(self, frame: int) -> None:
-        """Go on to the moment of that frame; a moment that is past stays."""
+        """Step to the moment of this frame, unless it is past."""
         target = round(frame * self.per_frame / self.simulation.dt)
         if target > self._done:
             self.simulation.step(target - self._done)
@@ -32,8 +31,8 @@ class Clock:
 
 
 def open_film_renderer(name: str, size: tuple[int, int]) -> Renderer:
-    """The renderer for many pictures. On a software Vulkan driver `auto` is the rasteriser, which draws smooth edges
-    there in less time than GGUI needs for rough ones."""
+    """The renderer for many pictures. On a software Vulkan driver `auto` is the rasteriser, whose pictures with smooth
+    edges are faster than GGUI's with rough ones."""
     fast = runtime.has_real_vulkan()
     if name == "auto" and not fast and runtime.current().arch not in ("vulkan", "metal"):
         name = "raster"
@@ -43,7 +42,7 @@ def open_film_renderer(name: str, size: tuple[int, int]) -> Renderer:
 class Pictures:
     """Pictures of a simulation, (height, width, 3) uint8; close() when done."""
 
-    def __init__(self, simulation: Any, size: tuple[int, int], renderer: str = "auto"):
+    def __init__(self, simulation: Run, size: tuple[int, int], renderer: str = "auto"):
         self.simulation, self.drawing = simulation, drawing_of(simulation, size)
         self.renderer = open_film_renderer(renderer, size)
 
@@ -55,20 +54,20 @@ class Pictures:
 
 
 class Skins:
-    """The drawn skin of a simulation as Mesh, coloured as its scene's camera sees it. Raises ValueError if there is
-    none."""
+    """The skin of a simulation as Mesh, coloured as the scene's camera sees it. Raises ValueError without a skin."""
 
-    def __init__(self, simulation: Any):
+    def __init__(self, simulation: Simulation):
         self.simulation, self.drawing = simulation, drawing_of(simulation)
         if self.drawing.skin is None:
             raise ValueError("this scene has no skin to write as a mesh")
         self.drawing.hidden |= {"springs", "particles"}
 
     def take(self) -> Mesh:
-        now, skin = self.simulation.snapshot(), self.drawing.skin
+        now = self.simulation.snapshot()
         self.drawing.update(now.x, now.v, now.time, memory=now.memory)
+        skin = self.drawing.skin
         assert skin is not None
-        # The skin's index, not the triangles': those are sorted anew for every picture.
+        # The skin's own index: that of its triangles is sorted anew for every picture.
         rgb = np.round(255.0 * skin.triangles.rgba[:, :3].clip(0.0, 1.0)).astype(np.uint8)
         return Mesh(skin.triangles.x.copy(), rgb, skin.index)
 

@@ -1,41 +1,42 @@
-"""What is written over a picture: the colour scale, the time, and in a window the state and the help.
-
-A `Sheet` holds one geometry in pixels, y down: `stamp` draws it into a finished image, a window draws its
-`quads` and `segments`.
-"""
+"""Rectangles, lines and text over a picture, and the legend. A window draws the same geometry itself."""
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from taichi_jello.view.drawing import palette
+from taichi_jello.view.drawing.primitives import ROWS
 from taichi_jello.view.drawing.springs import Key
 from taichi_jello.view.render.strokefont import strokes, text_width
 
-ROWS = 720  # sizes below are pixels of a picture this high
+# Sizes in pixels of a picture of ROWS.
 MARGIN = 28.0
 TEXT = 12.5  # the height of a capital
-LEAST = 7.0  # that of one in a small picture, if it is at least WIDE: smaller ones cannot be read
-WIDE = 300  # pixels
-PEN = 0.13  # the pen's width, of the height of a capital
-BAR = (230.0, 12.0)
-LEADING = 1.75  # from baseline to baseline, of the height of a capital
+BAR = (230.0, 12.0)  # width and height of the colour ramp
+STEPS = 16  # of the ramp, each blended from one colour to the next
+MIN_TEXT = 7.0  # height [pixels] of a capital that can be read, in a picture at least
+MIN_COLUMNS = 300  # wide
+PEN = 0.13  # the pen's width over the height of a capital
+LEADING = 1.75  # from baseline to baseline over the height of a capital
+
+Color = np.ndarray  # (3,)
 
 
 @dataclass(frozen=True)
 class Text:
+    """Words whose baseline begins at (x, y); height of a capital [pixels]; pen: width of the strokes over it."""
+
     words: str
     x: float
     y: float
     height: float
-    rgb: tuple[float, float, float]
+    rgb: Color
     pen: float = PEN
 
     @property
     def width(self) -> float:
-        """Of its strokes [pixels]."""
+        """Of the strokes [pixels]."""
         return max(self.pen * self.height, 1.3)
 
     def segments(self) -> np.ndarray:
@@ -45,11 +46,11 @@ class Text:
 
 @dataclass(frozen=True)
 class Line:
-    """A polyline through points (n, 2), `width` wide."""
+    """A polyline through points (n, 2), `width` wide [pixels]."""
 
     points: np.ndarray
     width: float
-    rgb: tuple[float, float, float]
+    rgb: Color
 
     def segments(self) -> np.ndarray:
         """(n - 1, 2, 2) [pixels]."""
@@ -58,7 +59,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Quad:
-    """A filled upright rectangle that blends from its left colour to its right one."""
+    """A filled upright rectangle [pixels], blended from its left colour to its right one."""
 
     x: float
     y: float
@@ -70,9 +71,8 @@ class Quad:
 
 @dataclass
 class Sheet:
-    """Rectangles, under lines and text, for a picture of `size` (width, height) [pixels].
-
-    What is drawn with a wide pen lies under what is drawn with a narrow one."""
+    """Rectangles below lines and text, for a picture of `size` (width, height) [pixels], y down. Thick strokes lie
+    below thin ones."""
 
     size: tuple[int, int]
     texts: list[Text] = field(default_factory=list)
@@ -81,28 +81,30 @@ class Sheet:
 
     @property
     def scale(self) -> float:
-        return max(self.size[1] / ROWS, LEAST / TEXT * min(1.0, self.size[0] / WIDE))
+        """From sizes at ROWS to pixels here."""
+        return max(self.size[1] / ROWS, MIN_TEXT / TEXT * min(1.0, self.size[0] / MIN_COLUMNS))
 
     def text(
-        self, words: str, x: float, y: float, height: float, rgb=palette.INK, align: float = 0.0, pen: float = PEN
-    ) -> None:
-        """Write on the baseline y; align 0 starts at x, 1 ends there, 0.5 is centred. pen: width, of the height."""
-        left = x - align * text_width(words, height)
-        self.texts.append(Text(words, left, y, height, _color(rgb), pen))
-
-    def line(self, points: np.ndarray, width: float, rgb=palette.INK) -> None:
-        """Draw through points (n, 2)."""
-        self.lines.append(Line(np.asarray(points, float), width, _color(rgb)))
-
-    def quad(
         self,
+        words: str,
         x: float,
         y: float,
-        width: float,
         height: float,
-        left: np.ndarray,
-        right: np.ndarray | None = None,
-    ):
+        rgb: Color = palette.INK,
+        align: float = 0.0,
+        pen: float = PEN,
+    ) -> None:
+        """Write on the baseline y, from x if `align` is 0, up to x if it is 1, centred if it is 0.5."""
+        self.texts.append(Text(words, x - align * text_width(words, height), y, height, rgb, pen))
+
+    def line(self, points: np.ndarray, width: float, rgb: Color = palette.INK) -> None:
+        """Draw through points (n, 2)."""
+        self.lines.append(Line(np.asarray(points, float), width, rgb))
+
+    def quad(
+        self, x: float, y: float, width: float, height: float, left: np.ndarray, right: np.ndarray | None = None
+    ) -> None:
+        """Fill a rectangle from its upper left corner (x, y)."""
         self.quads.append(Quad(x, y, width, height, left, left if right is None else right))
 
     def stamp(self, image: np.ndarray) -> None:
@@ -110,14 +112,9 @@ class Sheet:
         for quad in self.quads:
             _fill(image, quad)
         for line in sorted(self.lines, key=lambda line: -line.width):
-            _draw(image, line)
+            _blend(image, *_coverage(line.segments(), 0.5 * line.width), line.rgb)
         for text in self.texts:
             _write(image, text)
-
-
-def _color(rgb: Any) -> tuple[float, float, float]:
-    red, green, blue = (float(c) for c in rgb)
-    return red, green, blue
 
 
 def _fill(image: np.ndarray, quad: Quad) -> None:
@@ -128,59 +125,48 @@ def _fill(image: np.ndarray, quad: Quad) -> None:
         image[y0:y1, x0:x1] = (255.0 * (quad.left + (quad.right - quad.left) * t) + 0.5).astype(np.uint8)
 
 
-def _draw(image: np.ndarray, line: Line) -> None:
-    ink, left, top = _ink(line.segments(), 0.5 * line.width)
-    _blend(image, ink, left, top, line.rgb)
-
-
-@lru_cache(maxsize=512)
-def _mask(words: str, height: float, shift: tuple[float, float], pen: float) -> tuple[np.ndarray, int, int]:
-    """What `_ink` says of one piece of text."""
-    return _ink(strokes(words, shift[0], shift[1], height), max(0.5 * pen * height, 0.55))
-
-
-def _ink(segments: np.ndarray, half: float) -> tuple[np.ndarray, int, int]:
-    """How much ink covers each pixel, 0 to 1, for strokes 2 · half wide; the column and row where it begins."""
+def _coverage(segments: np.ndarray, half: float) -> tuple[np.ndarray, int, int]:
+    """How much of each pixel, 0 to 1, strokes 2 · half wide cover; the column and row where this array begins."""
     if not len(segments):
         return np.zeros((0, 0)), 0, 0
     low = np.floor(segments.min((0, 1)) - half - 1.0).astype(int)
     high = np.ceil(segments.max((0, 1)) + half + 1.0).astype(int)
-    ink = np.zeros((high[1] - low[1], high[0] - low[0]))
+    cover = np.zeros((high[1] - low[1], high[0] - low[0]))
     for a, b in segments - low:
         left, top = np.maximum(np.minimum(a, b) - half - 1.0, 0.0).astype(int)
         right, bottom = (np.maximum(a, b) + half + 2.0).astype(int)
-        y, x = np.mgrid[top : min(bottom, len(ink)), left : min(right, ink.shape[1])] + 0.5
+        y, x = np.mgrid[top : min(bottom, len(cover)), left : min(right, cover.shape[1])] + 0.5
         d = b - a
         along = ((x - a[0]) * d[0] + (y - a[1]) * d[1]) / max(float(d @ d), 1e-9)
         along = along.clip(0.0, 1.0)
         away = np.hypot(x - a[0] - along * d[0], y - a[1] - along * d[1])
-        part = ink[top:bottom, left:right]
+        part = cover[top:bottom, left:right]
         np.maximum(part, (half + 0.5 - away).clip(0.0, 1.0), out=part)
-    return ink, int(low[0]), int(low[1])
+    return cover, int(low[0]), int(low[1])
+
+
+@lru_cache(maxsize=512)
+def _glyph_coverage(character: str, height: float, x: float, y: float, pen: float) -> tuple[np.ndarray, int, int]:
+    return _coverage(strokes(character, x, y, height), max(0.5 * pen * height, 0.55))
 
 
 def _write(image: np.ndarray, text: Text) -> None:
-    # Single characters repeat from frame to frame while whole lines, such as the time, do not.
-    pen = text.x
+    # By characters, for the cache: they repeat from frame to frame, whole lines, such as the time, do not.
+    x, row = text.x, int(np.floor(text.y))
     for character in text.words:
-        column, row = int(np.floor(pen)), int(np.floor(text.y))
-        ink, left, top = _mask(character, text.height, (round(pen - column, 2), round(text.y - row, 2)), text.pen)
-        _blend(image, ink, column + left, row + top, text.rgb)
-        pen += text_width(character + " ", text.height) - text_width(" ", text.height)
+        column = int(np.floor(x))
+        shift = round(x - column, 2), round(text.y - row, 2)
+        cover, left, top = _glyph_coverage(character, text.height, *shift, text.pen)
+        _blend(image, cover, column + left, row + top, text.rgb)
+        x += text_width(character + " ", text.height) - text_width(" ", text.height)
 
 
-def _blend(image: np.ndarray, ink: np.ndarray, x: int, y: int, rgb: tuple[float, float, float]) -> None:
+def _blend(image: np.ndarray, cover: np.ndarray, x: int, y: int, rgb: Color) -> None:
     y0, x0 = max(-y, 0), max(-x, 0)
-    y1, x1 = min(len(ink), image.shape[0] - y), min(ink.shape[1] if ink.size else 0, image.shape[1] - x)
+    y1, x1 = min(cover.shape[0], image.shape[0] - y), min(cover.shape[1], image.shape[1] - x)
     if y1 > y0 and x1 > x0:
         part = image[y + y0 : y + y1, x + x0 : x + x1]
-        cover = ink[y0:y1, x0:x1, None]
-        part[:] = (part + (255.0 * np.array(rgb) - part) * cover + 0.5).astype(np.uint8)
-
-
-def number(value: float) -> str:
-    """A scale's end in a few characters: 0.02, 5, 2000, 2e6."""
-    return f"{value:g}"
+        part[:] = (part + (255.0 * np.array(rgb) - part) * cover[y0:y1, x0:x1, None] + 0.5).astype(np.uint8)
 
 
 def legend(key: Key, time: float, size: tuple[int, int]) -> Sheet:
@@ -193,12 +179,12 @@ def legend(key: Key, time: float, size: tuple[int, int]) -> Sheet:
         width, thick = BAR[0] * s, BAR[1] * s
         top = bottom - height - thick - 8.0 * s
         sheet.text(key.title, margin, top - 9.0 * s, height)
-        knots = key.ramp[np.linspace(0, len(key.ramp) - 1, 17).astype(int)]
-        for k in range(16):
-            left, right = (margin + width * n / 16 for n in (k, k + 1))
+        knots = key.ramp[np.linspace(0, len(key.ramp) - 1, STEPS + 1).astype(int)]
+        for k in range(STEPS):
+            left, right = (margin + width * n / STEPS for n in (k, k + 1))
             sheet.quad(left, top, right - left, thick, knots[k], knots[k + 1])
         sheet.text("0", margin, bottom, height)
-        sheet.text(f"{number(key.most)} {key.unit}", margin + width, bottom, height, align=1.0)
+        sheet.text(f"{key.most:g} {key.unit}", margin + width, bottom, height, align=1.0)
     for k, (name, rgb) in enumerate(reversed(key.names)):
         y = bottom - k * LEADING * height
         sheet.quad(margin, y - 0.62 * height, 26.0 * s, 0.34 * height, np.asarray(rgb))

@@ -1,6 +1,4 @@
-"""The renderer for machines without a Vulkan driver: Taichi kernels fill the pixels."""
-
-from typing import Any
+"""The rasteriser: draws with Taichi kernels, without a Vulkan driver."""
 
 import numpy as np
 
@@ -9,10 +7,8 @@ from taichi_jello.support.runtime import RuntimeProblem
 from taichi_jello.view.camera import Viewpoint
 from taichi_jello.view.drawing import palette
 from taichi_jello.view.drawing.drawing import Drawing
-from taichi_jello.view.drawing.primitives import Lines, Triangles
+from taichi_jello.view.drawing.primitives import ROWS, Lines, Triangles
 from taichi_jello.view.render import fill
-
-ROWS = 720  # line widths are given for a picture this high
 
 
 class Raster:
@@ -28,8 +24,8 @@ class Raster:
         width, height = size
         self._pixels = np.zeros((height * samples, width * samples), np.int64)
         self._image = np.zeros((height, width, 3), np.uint8)
-        self._around: tuple[Any, ...] = ()
-        self._empty: np.ndarray | None = None
+        self._last: tuple[object, ...] = ()
+        self._background: np.ndarray | None = None
         self._columns: list[np.ndarray] = []
         self._box, self._edge = np.zeros((0, 4), np.int32), np.zeros((0, 9), np.float32)
 
@@ -38,28 +34,27 @@ class Raster:
         height, width = self._pixels.shape
         matrix = viewpoint.to_pixels((width, height)).astype(np.float32)
         self._draw_surroundings(drawing, matrix)
-        self._draw_opaque(drawing.cast, drawing.threads, matrix)
+        self._draw_opaque(drawing.shadow_triangles, drawing.spring_lines, matrix)
         dots = drawing.dots
         if dots is not None:
-            reach = dots.radius * viewpoint.pixels_per_meter(height)
-            fill.dots(self._pixels, matrix, dots.x, dots.rgb, fill.vec3(*viewpoint.eye), reach, dots.radius)
+            scale = dots.radius * viewpoint.pixels_per_meter(height)
+            fill.dots(self._pixels, matrix, dots.x, dots.rgb, fill.vec3(*viewpoint.eye), scale, dots.radius)
         skin = drawing.blended
         if skin is not None:
             fill.skin(self._pixels, skin.rgba, skin.index, *self._prepare(skin, matrix))
 
     def _draw_surroundings(self, drawing: Drawing, matrix: np.ndarray) -> None:
-        """The background and the colliders. A picture of them alone is kept once they were the same twice: until a
-        collider or the eye moves."""
+        """Draw the background and the colliders. If nothing there has changed, a copy is kept for the next pictures."""
         around = drawing.surroundings
-        now = (around, 0 if around is None else around.paintings, matrix.tobytes())
-        again, self._around = now == self._around, now
-        if again and self._empty is not None:
-            np.copyto(self._pixels, self._empty)
+        now = (around, 0 if around is None else around.version, matrix.tobytes())
+        again, self._last = now == self._last, now
+        if again and self._background is not None:
+            np.copyto(self._pixels, self._background)
             return
         fill.backdrop(self._pixels, palette.SKY_TOP, palette.SKY_LOW)
         if around is not None:
             self._draw_opaque([around.triangles], [around.lines], matrix)
-        self._empty = self._pixels.copy() if again else None
+        self._background = self._pixels.copy() if again else None
 
     def _draw_opaque(self, meshes: list[Triangles], batches: list[Lines], matrix: np.ndarray) -> None:
         scale = len(self._pixels) / ROWS
@@ -79,14 +74,13 @@ class Raster:
         return box, edge
 
     def image(self) -> np.ndarray:
-        """(height, width, 3) uint8: what was drawn last, a copy."""
+        """(height, width, 3) uint8: a copy of the last picture."""
         runtime.check(self._runtime)
         fill.resolve(self._pixels, self._image, self.samples)
         return self._image.copy()
 
     def columns(self) -> np.ndarray:
-        """(width, height) uint32: what was drawn last as GGUI's canvas takes it, columns first and upwards. It stays
-        so until two more have been asked for."""
+        """(width, height) uint32: the last picture in GGUI's layout, columns first and upwards; reused in two calls."""
         runtime.check(self._runtime)
         if len(self._columns) < 2:
             self._columns = [np.zeros(self.size, np.uint32) for _ in range(2)]
@@ -95,5 +89,5 @@ class Raster:
         return self._columns[0]
 
     def close(self) -> None:
-        """Let go of the picture's memory."""
-        self._pixels, self._empty = np.zeros((0, 0), np.int64), None
+        """Free the picture's memory."""
+        self._pixels, self._background = np.zeros((0, 0), np.int64), None

@@ -1,4 +1,4 @@
-"""A pen-drawn font: every glyph a few polylines, small enough to read here and sharp at any size."""
+"""A stroke font: every glyph is a few polylines, sharp at any size."""
 
 from functools import lru_cache
 
@@ -8,8 +8,8 @@ UNIT = 6.0  # grid steps from the baseline to the top of a capital
 BASE = 2  # grid row of the baseline
 ADVANCE = 1.9  # grid steps between two glyphs
 
-# One glyph: polylines parted by blanks, each a run of column-row pairs on a grid with the baseline at row 2,
-# the small letters' height at row 6 and the capitals' at row 8.
+# A glyph: polylines separated by blanks, each a sequence of column-row pairs on a grid with the baseline at row 2, the
+# top of small letters at row 6 and of capitals at row 8.
 GLYPHS = {
     "0": "120307183847433212", "1": "062822", "2": "0718384746350242", "3": "0718384746354443321203 1535",
     "4": "380444 3832", "5": "480805354443321203", "6": "473818070312324344 443505", "7": "084812",
@@ -34,39 +34,25 @@ GLYPHS = {
     '"': "1816 3836", "~": "051636344445",
 }  # fmt: skip
 UNKNOWN = "0208484202"
-NARROW = {
-    "1": 3,
-    "r": 3,
-    "I": 3,
-    "i": 2,
-    "j": 3,
-    "l": 2,
-    ".": 3,
-    ",": 3,
-    ":": 3,
-    "'": 3,
-    "|": 3,
-    " ": 2.5,
-    "f": 3,
-    "t": 3,
-}
+WIDTH = 4  # grid steps, except of
+WIDTHS = dict.fromkeys("1rIj.,:'|ft", 3) | {"i": 2, "l": 2, " ": 2.5}
 
 
 @lru_cache(maxsize=256)
 def glyph(character: str) -> tuple[np.ndarray, float]:
-    """Segments (n, 2, 2) of one character, x to the right and y up from the baseline, and its width; both in
-    units of a capital's height. An unknown character is a box."""
+    """Segments (n, 2, 2) of one character, x to the right and y up from the baseline, and its width, both in units of
+    a capital's height. An unknown character is a box."""
     runs = "" if character == " " else GLYPHS.get(character, UNKNOWN)
     segments = []
     for run in runs.split():
         points = np.array([[int(run[k]), int(run[k + 1]) - BASE] for k in range(0, len(run) - 1, 2)], float)
         segments += [points[k : k + 2] for k in range(len(points) - 1)]
     shape = np.array(segments).reshape(-1, 2, 2) / UNIT
-    return shape, NARROW.get(character, 4) / UNIT
+    return shape, WIDTHS.get(character, WIDTH) / UNIT
 
 
 def text_width(text: str, height: float) -> float:
-    """How wide `text` is when its capitals are `height` high, in the same unit."""
+    """The width of `text` with capitals `height` high, in the same unit."""
     return height * (sum(glyph(c)[1] + ADVANCE / UNIT for c in text) - ADVANCE / UNIT) if text else 0.0
 
 

@@ -1,24 +1,25 @@
-"""What each key does to a Viewer, and the help that lists it all."""
+"""What each key does to a Viewer, and the help that lists them."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from taichi_jello.physics.integrators import schemes
-from taichi_jello.scene.description import COLORS
+from taichi_jello.scene.description import COLORS, SHOWS
 from taichi_jello.view.camera import UP
 
 if TYPE_CHECKING:
     from taichi_jello.view.window.viewer import Viewer
 
-ZOOM = 1.15  # a key press
+Action = Callable[["Viewer"], Any]
+ZOOM = 1.15
 PUSH = 1.2  # m/s along the ground
 JUMP = 3.0  # m/s
-SCRUB = 30  # frames of a repeated play
+SCRUB = 30  # frames of a replay
 WIND = 5.0  # m/s
-GRAVITY = 9.81  # m/s² where the scene has none of its own
-ROOM = 1.35  # how much farther the eye goes than where the jello just fits
+GRAVITY = 9.81  # m/s² if the scene has none
+FRAMING = 1.35  # distance of the eye over that at which the jello just fits
 
 
 def pause(viewer: "Viewer") -> None:
@@ -29,8 +30,8 @@ def pause(viewer: "Viewer") -> None:
 
 def restart(viewer: "Viewer") -> None:
     viewer.let_go()
-    if viewer.repeating:
-        viewer.simulation.scrub(-viewer.simulation.frames)
+    if viewer.replay:
+        viewer.replay.scrub(-viewer.replay.frames)
     else:
         viewer.simulation.reset()
     viewer.pace.rest()
@@ -42,68 +43,47 @@ def next_color(viewer: "Viewer") -> None:
 
 
 def next_show(viewer: "Viewer") -> None:
-    viewer.show_next()
+    viewer.shown = SHOWS[(SHOWS.index(viewer.shown) + 1) % len(SHOWS)]
     viewer.notice = f"show: {viewer.shown}"
 
 
-def ask_photo(viewer: "Viewer") -> None:
-    viewer.pictures.asked = True
-
-
 def toggle_film(viewer: "Viewer") -> None:
+    """While filming, physics waits for each picture, so that none is missing."""
     if viewer.filming:
-        viewer.stop_film()
+        viewer.notice = viewer.pictures.stop_film()
     else:
-        viewer.start_film()
+        viewer.notice = viewer.pictures.start_film(viewer.simulation, viewer.size)
 
 
-def toggle_help(viewer: "Viewer") -> None:
-    viewer.helping = not viewer.helping
+def toggle(name: str) -> Action:
+    """Switch an attribute of the viewer."""
+    return lambda viewer: setattr(viewer, name, not getattr(viewer, name))
 
 
-def toggle_panel(viewer: "Viewer") -> None:
-    viewer.panelled = not viewer.panelled
+def switch_on(name: str) -> Action:
+    return lambda viewer: setattr(viewer, name, True)
 
 
-def leave(viewer: "Viewer") -> None:
-    viewer.leaving = True
-
-
-def nearer(viewer: "Viewer") -> None:
-    viewer.zoom(1.0 / ZOOM)
-
-
-def farther(viewer: "Viewer") -> None:
-    viewer.zoom(ZOOM)
-
-
-def first_view(viewer: "Viewer") -> None:
-    viewer.viewpoint.reset()
-
-
-def look(viewer: "Viewer") -> None:
-    """Turn the eye to the middle of the jellos and go where they just fill the window."""
+def frame_jello(viewer: "Viewer") -> None:
+    """Turn the eye to the middle of the jellos, at a distance at which they fit the window."""
     x = viewer.simulation.snapshot().x
     view, aspect = viewer.viewpoint, viewer.size[0] / viewer.size[1]
     middle = 0.5 * (x.min(0) + x.max(0))
     radius = max(float(np.linalg.norm(x - middle, axis=1).max()), 0.05)
     half = np.arctan(np.tan(np.radians(view.fov) / 2.0) * min(1.0, aspect))
-    view.eye = middle + view.axes()[2] * ROOM * radius / np.sin(half)
+    view.eye = middle + view.axes()[2] * FRAMING * radius / np.sin(half)
     view.target = middle
 
 
-def jump(viewer: "Viewer") -> None:
-    viewer.simulation.push(JUMP * UP)
-
-
-def push(right: float, forward: float) -> Callable[["Viewer"], None]:
-    """Kicks all jellos along the ground, as the eye sees it; while paused, to the right is one frame on. While a play
-    is repeated, right and left go through it: frame by frame when paused."""
+def push(right: float, forward: float) -> Action:
+    """Push all jellos along the ground as the eye sees it. Right is one frame while paused; in a replay, right and left
+    scrub through it."""
 
     def action(viewer: "Viewer") -> None:
-        if right and viewer.repeating:
-            viewer.simulation.scrub(int(right) * (1 if viewer.paused else SCRUB))
-            viewer.notice = f"frame {viewer.simulation.frames} of {viewer.simulation.length}"
+        replay = viewer.replay
+        if right and replay:
+            replay.scrub(int(right) * (1 if viewer.paused else SCRUB))
+            viewer.notice = f"frame {replay.frames} of {replay.length}"
         elif viewer.paused and right > 0.0:
             viewer.step()
         elif viewer.paused:
@@ -115,31 +95,26 @@ def push(right: float, forward: float) -> Callable[["Viewer"], None]:
     return action
 
 
+def cycle(viewer: "Viewer", key: str, own: np.ndarray, names: tuple[str, str, str]) -> None:
+    """Tune the vector `key` to the next of `own`, its opposite and zero."""
+    now = float(np.dot(viewer.simulation.tuning.get(key, (0.0, 0.0, 0.0)), own))
+    turn = 1 if now > 0.0 else 2 if now < 0.0 else 0
+    vector = (own, -own, 0.0 * own)[turn]
+    if viewer.tune(**{key: tuple(float(part) + 0.0 for part in vector)}):
+        viewer.notice = f"{key}: {names[turn]}"
+
+
 def next_gravity(viewer: "Viewer") -> None:
-    """Down, up, off; down is what the scene says."""
     own = np.array(viewer.simulation.scene.gravity)
-    down = own if own.any() else -GRAVITY * UP
-    now = float(np.dot(viewer.simulation.tuning.get("gravity", (0.0, 0.0, 0.0)), down))
-    name, turned = ("up", -down) if now > 0.0 else ("off", 0.0 * down) if now < 0.0 else ("down", down)
-    if viewer.tune(gravity=tuple(float(part) + 0.0 for part in turned)):
-        viewer.notice = f"gravity: {name}"
+    cycle(viewer, "gravity", own if own.any() else -GRAVITY * UP, ("down", "up", "off"))
 
 
 def next_wind(viewer: "Viewer") -> None:
-    """From the left, from the right, calm, as the eye sees it."""
-    right = viewer.viewpoint.axes()[0]
-    now = float(np.dot(viewer.simulation.tuning.get("wind", (0.0, 0.0, 0.0)), right))
-    if now == 0.0:
-        name, wind = "from the left", WIND * right
-    elif now > 0.0:
-        name, wind = "from the right", -WIND * right
-    else:
-        name, wind = "calm", 0.0 * right
-    if viewer.tune(wind=tuple(float(part) + 0.0 for part in wind)):
-        viewer.notice = f"wind: {name}"
+    cycle(viewer, "wind", WIND * viewer.viewpoint.axes()[0], ("from the left", "from the right", "calm"))
 
 
 def next_method(viewer: "Viewer") -> None:
+    """Methods without a safe step for the scene are skipped."""
     names = list(schemes())
     now = names.index(viewer.simulation.method)
 
@@ -147,7 +122,7 @@ def next_method(viewer: "Viewer") -> None:
         for name in names[now + 1 :] + names[:now]:
             try:
                 viewer.simulation.change_method(name)
-            except ValueError:  # it has no safe step for this scene
+            except ValueError:
                 continue
             viewer.notice = viewer.simulation.method_told or f"method: {name}"
             if viewer.unsafe:
@@ -155,11 +130,11 @@ def next_method(viewer: "Viewer") -> None:
             return
         viewer.notice = "no other method has a safe step for this scene"
 
-    viewer.wait_for(f"compiling {names[(now + 1) % len(names)]} ...", change)
+    viewer.do_later(f"compiling {names[(now + 1) % len(names)]} ...", change)
 
 
 def next_demo(viewer: "Viewer") -> None:
-    """A recording or a replay is of one scene: it ends here."""
+    """A recording or a replay is of one scene and ends here."""
 
     def change() -> None:
         try:
@@ -168,17 +143,19 @@ def next_demo(viewer: "Viewer") -> None:
             viewer.notice = str(error)
             return
         ended = viewer.end_recording()
-        viewer.play(following)
+        viewer.open(following)
         viewer.notice = ended
 
     viewer.let_go()
-    viewer.wait_for("compiling the next demo ...", change)
+    viewer.do_later("compiling the next demo ...", change)
 
 
-KEYS: dict[str, Callable[["Viewer"], None]] = {
-    " ": pause, "r": restart, "backspace": restart, "c": next_color, "k": next_show, "p": ask_photo, "h": toggle_help,
-    "tab": toggle_panel, "escape": leave, "w": nearer, "s": farther, "f": look, "o": first_view, "j": jump,
-    "g": next_gravity, "b": next_wind, "v": toggle_film, "m": next_method, "n": next_demo,
+KEYS: dict[str, Action] = {
+    " ": pause, "r": restart, "backspace": restart, "escape": switch_on("leaving"), "p": switch_on("wants_picture"),
+    "h": toggle("helping"), "tab": toggle("panelled"), "v": toggle_film, "c": next_color, "k": next_show,
+    "f": frame_jello, "g": next_gravity, "b": next_wind, "m": next_method, "n": next_demo,
+    "o": lambda viewer: viewer.viewpoint.reset(), "j": lambda viewer: viewer.simulation.push(JUMP * UP),
+    "w": lambda viewer: viewer.zoom(1.0 / ZOOM), "s": lambda viewer: viewer.zoom(ZOOM),
     "left": push(-1.0, 0.0), "right": push(1.0, 0.0), "up": push(0.0, 1.0), "down": push(0.0, -1.0),
 }  # fmt: skip
 HELP = (

@@ -1,56 +1,99 @@
-"""What is written over the picture in the window: the legend, the state, what is held, the energies and the help."""
+"""What the window writes over the picture: legend, state, grabbed point, energies, culprit and help."""
 
+import numpy as np
+
+from taichi_jello.physics.forces.grab import Held
+from taichi_jello.run.find_culprit import Culprit
+from taichi_jello.view.camera import Viewpoint
 from taichi_jello.view.drawing import palette
-from taichi_jello.view.render.legend import Sheet, legend
+from taichi_jello.view.render.legend import MARGIN, PEN, TEXT, Sheet, legend
 from taichi_jello.view.window.actions import HELP
-from taichi_jello.view.window.hand import mark
-from taichi_jello.view.window.highlight import highlight
-from taichi_jello.view.window.plot import plot
+from taichi_jello.view.window.gauges import plot
 from taichi_jello.view.window.viewer import Viewer
+
+ANGLES = np.linspace(0.0, 2.0 * np.pi, 25)
+CIRCLE = np.stack([np.cos(ANGLES), np.sin(ANGLES)], 1)
+CROSS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
+SMALL = 10.0  # height of a capital
 
 
 def overlay(viewer: Viewer) -> Sheet:
-    """The legend; at the top the state; and what is grabbed, plotted or explained."""
+    """The whole sheet for the viewer's window."""
     sheet = legend(viewer.drawing.key, viewer.simulation.time, viewer.size)
     s = sheet.scale
-    sheet.text(state(viewer), viewer.size[0] - 28.0 * s, 40.0 * s, 12.5 * s, align=1.0)
-    sheet.text(viewer.simulation.scene.title or "jello", 28.0 * s, 40.0 * s, 12.5 * s)
+    sheet.text(state(viewer), viewer.size[0] - MARGIN * s, 40.0 * s, TEXT * s, align=1.0)
     if viewer.helping:
+        write_title(sheet, viewer)
         write_help(sheet)
         return sheet
-    ink = palette.INK if viewer.notice else palette.EDGE
-    sheet.text(viewer.notice or "H: help", 28.0 * s, 62.0 * s, 10.0 * s, ink)
+    write_title(sheet, viewer, viewer.notice or "H: help", palette.INK if viewer.notice else palette.EDGE)
     if viewer.panelled:
         plot(sheet, viewer.gauges.past)
     if viewer.culprit is not None:
-        highlight(sheet, viewer.culprit, viewer.simulation.snapshot().x, viewer.viewpoint)
-    held = viewer.simulation.held if viewer.hand is not None or viewer.repeating else None
+        mark_culprit(sheet, viewer.culprit, viewer.simulation.snapshot().x, viewer.viewpoint)
+    held = viewer.simulation.held if viewer.grabbed is not None or viewer.replay else None
     if held is not None:
-        mark(sheet, held, viewer.viewpoint)
+        mark_grab(sheet, held, viewer.viewpoint)
     return sheet
 
 
+def write_title(sheet: Sheet, viewer: Viewer, below: str = "", rgb: np.ndarray = palette.INK) -> None:
+    """The scene's title, and a line below it."""
+    s = sheet.scale
+    sheet.text(viewer.simulation.scene.title or "jello", MARGIN * s, 40.0 * s, TEXT * s)
+    if below:
+        sheet.text(below, MARGIN * s, 62.0 * s, SMALL * s, rgb)
+
+
 def state(viewer: Viewer) -> str:
-    """The method, how fast it goes, and what is unusual."""
+    """The method, the frame rate, and what is unusual."""
     words = f"{viewer.simulation.method}   {viewer.rate:.0f} fps" + ("   filming" if viewer.filming else "")
-    if viewer.repeating:
-        words += f"   replay {viewer.simulation.frames} / {viewer.simulation.length}"
+    if viewer.replay:
+        words += f"   replay {viewer.replay.frames} / {viewer.replay.length}"
     if viewer.paused:
         words += "   paused"
     elif abs(viewer.pace.speed - 1.0) > 0.05:
         words += f"   real time x {viewer.pace.speed:.2f}"
-    if viewer.unsafe:
-        words += "   unsafe dt"
-    return words
+    return words + ("   unsafe dt" if viewer.unsafe else "")
+
+
+def mark_grab(sheet: Sheet, held: Held, viewpoint: Viewpoint) -> None:
+    """Mark the grabbed point, its target and the force; GGUI hides the cursor while a button is down."""
+    point, target = viewpoint.project(np.stack([held.point, held.target]), sheet.size)
+    if not np.isfinite([point, target]).all():
+        return
+    s = sheet.scale
+    lines = [np.stack([point, target]), point + 5.0 * s * CIRCLE, target + 10.0 * s * CIRCLE, target + 5.0 * s * CROSS]
+    draw_rimmed(sheet, lines, 5.0, 2.0, palette.INK)
+    x = min(target[0] + 18.0 * s, sheet.size[0] - 70.0 * s)
+    for pen, rgb in ((0.45, palette.PAPER), (PEN, palette.INK)):
+        sheet.text(f"{np.linalg.norm(held.force):.3g} N", x, target[1] - 12.0 * s, 13.0 * s, rgb, pen=pen)
+
+
+def mark_culprit(sheet: Sheet, culprit: Culprit, x: np.ndarray, viewpoint: Viewpoint) -> None:
+    """Mark what diverged, with the particles at x (N, 3) [m]: a spring as a thick line, a particle by a ring."""
+    s = sheet.scale
+    sheet.text(culprit.told, MARGIN * s, 82.0 * s, SMALL * s, palette.ALARM)
+    ends = viewpoint.project(x[list(culprit.particles)].astype(float), sheet.size)
+    if np.isfinite(ends).all():
+        lines = [end + 9.0 * s * CIRCLE for end in ends] + ([ends] if len(ends) > 1 else [])
+        draw_rimmed(sheet, lines, 9.0, 5.0, palette.ALARM)
+
+
+def draw_rimmed(sheet: Sheet, lines: list[np.ndarray], rim: float, width: float, rgb: np.ndarray) -> None:
+    """Lines with a pale rim, visible on any background."""
+    for wide, color in ((rim, palette.PAPER), (width, rgb)):
+        for line in lines:
+            sheet.line(line, wide * sheet.scale, color)
 
 
 def write_help(sheet: Sheet) -> None:
-    """All keys, on a page in the middle."""
+    """All keys on a page in the middle."""
     s = min(sheet.scale, sheet.size[0] / 740.0, sheet.size[1] / 720.0)
     width, height = 700.0 * s, (len(HELP) * 26.0 + 36.0) * s
     x, y = (sheet.size[0] - width) / 2.0, (sheet.size[1] - height) / 2.0
     sheet.quad(x, y, width, height, palette.PAPER)
     for k, (keys, meaning) in enumerate(HELP):
         line = y + (38.0 + 26.0 * k) * s
-        sheet.text(keys, x + 30.0 * s, line, 12.5 * s)
-        sheet.text(meaning, x + 270.0 * s, line, 12.5 * s)
+        sheet.text(keys, x + 30.0 * s, line, TEXT * s)
+        sheet.text(meaning, x + 270.0 * s, line, TEXT * s)

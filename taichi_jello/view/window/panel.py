@@ -1,54 +1,47 @@
-"""The panel: sliders for what can be tuned while it runs, buttons, and read-outs. Drawn by GGUI's own widgets."""
+"""The panel of sliders, buttons and read-outs, made of GGUI's widgets."""
 
 from typing import Any
 
 import numpy as np
+from taichi.ui.imgui import Gui
 
-from taichi_jello.view.picking import Place
-from taichi_jello.view.render.legend import ROWS
+from taichi_jello.view.drawing.primitives import ROWS
+from taichi_jello.view.picking import Pixel
 from taichi_jello.view.window import actions
-from taichi_jello.view.window.readouts import ENERGIES
+from taichi_jello.view.window.gauges import ENERGIES
 from taichi_jello.view.window.viewer import Viewer
 
-LEFT, TOP = 20.0, 75.0  # from the window's upper left corner, in pixels of a window 720 rows high
-SETTLED = 4  # frames after which a button that was let go has told so
+LEFT, TOP = 20.0, 75.0  # of its corner, in pixels of a window 720 rows high
+SETTLING_FRAMES = 4  # until a button that was released reports it
 SIZE = (380, 370)  # pixels: GGUI's letters are 13 pixels high in any window
 
 
 class Panel:
-    """`rectangle`: where it was drawn last, (left, top, right, bottom) [pixels]; None where it was not. GGUI does not
-    tell whose a click is, so that the clicks in there are the panel's."""
+    """rectangle: (left, top, right, bottom) [pixels] if it was drawn. GGUI does not report its own clicks: those inside
+    are the panel's. opened: the first size of the window [pixels]."""
 
     def __init__(self, opened: tuple[int, int]):
-        self.opened = opened  # the window's first size [pixels], of which GGUI takes fractions for ever
+        self.opened = opened  # GGUI always takes fractions of it
         self.rectangle: tuple[float, float, float, float] | None = None
         self._pressed = self._used = False
-        self._turn = self._left = 0
+        self._generation = self._settling = 0
 
-    def takes(self, at: Place) -> bool:
-        """Whether a mouse button that goes down at `at` is meant for the panel."""
+    def takes(self, at: Pixel) -> bool:
+        """Whether a mouse button that goes down there is meant for the panel."""
         if self.rectangle is None:
             return False
         left, top, right, bottom = self.rectangle
         inside = left <= at[0] < right and top <= at[1] < bottom
         if inside:
-            self._pressed, self._left = True, 0
+            self._pressed, self._settling = True, 0
         return inside
 
     def release(self) -> None:
         """The left button is up."""
         if self._pressed:
-            self._pressed, self._left = False, SETTLED
+            self._pressed, self._settling = False, SETTLING_FRAMES
 
-    def _settle(self) -> None:
-        """A press that used no widget may have moved or folded the panel, which GGUI does not tell either: under
-        another name it is back in its place."""
-        self._left -= 1
-        if self._left == 0:
-            self._turn += not self._used
-            self._used = False
-
-    def show(self, gui: Any, viewer: Viewer) -> None:
+    def show(self, gui: Gui, viewer: Viewer) -> None:
         """Draw the panel if it is wanted, and do what its widgets were used for."""
         if not viewer.panelled or viewer.helping:
             self.rectangle = None
@@ -58,46 +51,47 @@ class Panel:
         wide, tall = min(SIZE[0], width - 2.0 * LEFT), min(SIZE[1], height - top - 10.0)
         self.rectangle = (left, top, left + wide, top + tall)
         place = (left / self.opened[0], top / self.opened[1], wide / self.opened[0], tall / self.opened[1])
-        # GGUI keeps the place that a name was first shown at: another size of the window needs another name.
-        with gui.sub_window(f"jello##{width}x{height}-{self._turn}", *place):
-            self._tuning(gui, viewer)
+        # GGUI keeps the place where a name was first shown: another size of the window needs another name.
+        with gui.sub_window(f"jello##{width}x{height}-{self._generation}", *place):
+            self._sliders(gui, viewer)
             self._buttons(gui, viewer)
-            readings(gui, viewer)
-        if self._left:
-            self._settle()
+            read_outs(gui, viewer)
+        if self._settling:
+            self._settling -= 1
+            if not self._settling:
+                # A press that used no widget may have moved or folded the panel: a new name puts it back.
+                self._generation += not self._used
+                self._used = False
 
-    def _slider(self, gui: Any, name: str, value: float, low: float, high: float) -> float | None:
-        """The value that the person chose; None if none was."""
+    def _slider(self, gui: Gui, name: str, value: float, low: float, high: float) -> float:
+        """The value that the person chose, or the old one."""
         new = gui.slider_float(name, value, low, high)
         if np.float32(new) == np.float32(value):
-            return None
+            return value
         self._used = True
         return float(np.clip(new, low, high))
 
-    def _tuning(self, gui: Any, viewer: Viewer) -> None:
+    def _sliders(self, gui: Gui, viewer: Viewer) -> None:
         tuning = viewer.simulation.tuning
         contact = viewer.simulation.first_tuning.get("contact_stiffness") or 2000.0
-        changed: dict[str, Any] = {}
+        new: dict[str, Any] = {}
         for key, name, low, high in (
             ("stiffness", "stiffness x", 0.1, 10.0),
             ("damping", "damping x", 0.0, 10.0),
             ("friction", "friction", 0.0, 2.0),
             ("contact_stiffness", "contact [N/m]", 0.1 * contact, 10.0 * contact),
         ):
-            new = self._slider(gui, name, tuning[key], low, high) if key in tuning else None
-            if new is not None:
-                changed[key] = new
+            if key in tuning:
+                new[key] = self._slider(gui, name, tuning[key], low, high)
         if "gravity" in tuning:
             x, y, z = tuning["gravity"]
-            new = self._slider(gui, "gravity [m/s2]", y, -20.0, 20.0)
-            if new is not None:
-                changed["gravity"] = (x, new, z)
+            new["gravity"] = (x, self._slider(gui, "gravity [m/s2]", y, -20.0, 20.0), z)
+        changed = {key: value for key, value in new.items() if value != tuning[key]}
         if changed:
             viewer.tune(**changed)
-        scale = self._slider(gui, "time x", viewer.pace.scale, 0.05, 2.0)
-        viewer.pace.scale = viewer.pace.scale if scale is None else scale
+        viewer.pace.scale = self._slider(gui, "time x", viewer.pace.scale, 0.05, 2.0)
 
-    def _buttons(self, gui: Any, viewer: Viewer) -> None:
+    def _buttons(self, gui: Gui, viewer: Viewer) -> None:
         for words, action in (
             (f"method: {viewer.simulation.method}", actions.next_method),
             (f"color: {viewer.color}", actions.next_color),
@@ -108,14 +102,14 @@ class Panel:
                 action(viewer)
 
 
-def readings(gui: Any, viewer: Viewer) -> None:
-    simulation, pace = viewer.simulation, viewer.pace
+def read_outs(gui: Gui, viewer: Viewer) -> None:
+    simulation, pace, gauges = viewer.simulation, viewer.pace, viewer.gauges
     gui.text(f"{viewer.rate:.0f} fps, real time x {pace.speed:.2f}")
     gui.text(f"physics {1e3 * pace.cost:.2f} ms a frame, {simulation.substeps} steps")
     gui.text(f"dt {1e3 * viewer.dt:.3g} ms, safe dt {1e3 * simulation.safe_dt:.3g} ms")
-    if viewer.gauges.past:
-        for name, joules in zip(ENERGIES, viewer.gauges.past[-1][1:], strict=True):
+    if gauges.past:
+        for name, joules in zip(ENERGIES, gauges.past[-1][1:], strict=True):
             gui.text(f"{name} energy {joules:.4g} J")
-        if viewer.gauges.books:
-            gui.text("work {:.4g} J, residual {:.2g} J".format(*viewer.gauges.books))
-        gui.text(f"largest spring force {viewer.gauges.force:.3g} N")
+        if gauges.ledger:
+            gui.text("work {:.4g} J, residual {:.2g} J".format(*gauges.ledger))
+        gui.text(f"largest spring force {gauges.force:.3g} N")

@@ -1,42 +1,38 @@
-"""What a person keeps of a play in the window: pictures, and a film."""
+"""Pictures and films that a person makes in the window."""
 
-import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from taichi_jello.film import Film, FilmProblem
 from taichi_jello.support.png_file import unused, write_png
 from taichi_jello.support.wording import counted
+from taichi_jello.view.render.renderers import Run, Size
 
-FILM_RATE = 30  # frames a second of a film made in the window
+FILM_RATE = 30  # frames a second
 
 
 class Pictures:
-    """Pictures and one film at a time, in `folder`, named after scene and time. `asked`: the next picture drawn is to
-    be saved. What is done tells itself in words."""
+    """Pictures and one film at a time, in `folder`, named after scene and time. Methods return messages."""
 
-    def __init__(self, folder: str | os.PathLike[str]):
-        # Absolute: while GGUI shows a picture the process works in another folder, and films are written meanwhile.
+    def __init__(self, folder: str | Path):
+        # Absolute: GGUI changes the working directory while it shows a picture, and films are written meanwhile.
         self.folder = Path(folder).resolve()
-        self.asked = False
         self._film: Film | None = None
 
     @property
     def filming(self) -> bool:
         return self._film is not None
 
-    def _named(self, simulation: Any, suffix: str) -> Path:
-        """A file of the folder that is not there yet."""
+    def _unused(self, simulation: Run, suffix: str) -> Path:
         title = "".join(c if c.isalnum() or c in "-_" else "-" for c in simulation.scene.title) or "jello"
         return unused(self.folder / f"{title}-{simulation.time:.3f}s{suffix}")
 
-    def start_film(self, simulation: Any, size: tuple[int, int]) -> str:
-        """From now on the pictures taken go into a film, FILM_RATE a second. Which, or why not."""
+    def start_film(self, simulation: Run, size: Size) -> str:
+        """Begin a film with FILM_RATE frames a second."""
         even = size[0] // 2 * 2, size[1] // 2 * 2
         try:
-            film = Film(self._named(simulation, ".mp4"), even, FILM_RATE, keep=(OSError,))
+            film = Film(self._unused(simulation, ".mp4"), even, FILM_RATE, keep=(OSError,))
             self._film = film.__enter__()
         except FilmProblem as error:
             return f"no film: {error}"
@@ -45,7 +41,7 @@ class Pictures:
         return f"filming {film.path.name}; V ends it"
 
     def stop_film(self) -> str:
-        """End the film, if there is one; what was filmed is kept."""
+        """End the film, if there is one, and keep it."""
         film, self._film = self._film, None
         if film is None:
             return ""
@@ -57,22 +53,21 @@ class Pictures:
         return f"saved {film.path.name}: {counted(film.frames, 'frame')}" if film.kept else "nothing was filmed"
 
     def add(self, image: np.ndarray) -> str:
-        """A picture (height, width, 3) uint8 for the film, which ends where it cannot go on."""
+        """Add a picture (height, width, 3) uint8 to the film, which ends if it cannot go on."""
         if self._film is None:
             return ""
         width, height = self._film.size
         try:
             self._film.add(np.ascontiguousarray(image[:height, :width]))
-        except ValueError:  # a picture of another size
+        except ValueError:  # another size
             return f"the window changed its size: {self.stop_film()}"
         except OSError:  # the disk is full
             return self.stop_film()
         return ""
 
-    def save(self, simulation: Any, image: np.ndarray) -> str:
-        """Write the picture (height, width, 3) uint8 that was asked for. Where, or why not."""
-        self.asked = False
-        path = self._named(simulation, ".png")
+    def save(self, simulation: Run, image: np.ndarray) -> str:
+        """Write the picture (height, width, 3) uint8."""
+        path = self._unused(simulation, ".png")
         try:
             write_png(path, image)
         except OSError as error:

@@ -1,25 +1,24 @@
-"""The loop that keeps the window going: listen, let time pass, draw."""
+"""The main loop of the window: read events, advance time, draw."""
 
-import os
 import signal
 import threading
 import time
-from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from taichi_jello.run.simulation import Simulation
-from taichi_jello.scene.description import Scene
 from taichi_jello.support import interrupt
+from taichi_jello.view.render.renderers import Run, Size
+from taichi_jello.view.window.playlist import Make
 from taichi_jello.view.window.screen import Screen
 from taichi_jello.view.window.viewer import Viewer
 
 
-def leave_when_asked(viewer: Viewer) -> dict[int, Any]:
-    """A closed terminal or a system that shuts down ends the window as Esc does. The signals, and what they did."""
+def leave_on_signals(viewer: Viewer) -> dict[int, Any]:
+    """Make a closed terminal or a system shutdown end the window as Esc does. Returns the former handlers."""
     if threading.current_thread() is not threading.main_thread():
         return {}
-    names = ("SIGTERM", "SIGHUP")
-    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
     def leave(*_: Any) -> None:
         viewer.leaving = True
@@ -28,40 +27,34 @@ def leave_when_asked(viewer: Viewer) -> dict[int, Any]:
 
 
 def play(
-    simulation: Any,
-    size: tuple[int, int] = (1280, 720),
-    color: str = "",
-    folder: str | os.PathLike[str] = ".",
+    simulation: Run,
+    size: Size = (1280, 720),
+    folder: str | Path = ".",
     seconds: float | None = None,
-    make: Callable[[Scene], Any] = Simulation,
+    make: Make = Simulation,
 ) -> None:
-    """Show a simulation in a window until Esc or its close button, or until `seconds` of the simulation are
-    over.
-
-    color: one of COLORS, by default the scene's; folder: where P saves pictures; make: makes a simulation of the scene
-    that N goes to. Raises RuntimeProblem without a Vulkan driver or a screen. A film that is not ended then is ended
-    and printed.
-    """
-    viewer = Viewer(simulation, color, folder, make, size)
+    """Show a simulation in a window until Esc, its close button, or `seconds` of simulated time.
+    make: simulates the demos of N; folder: for pictures and films. A film that still runs is ended, and a line printed.
+    Raises RuntimeProblem without a Vulkan driver or a screen."""
+    viewer = Viewer(simulation, folder, make, size)
     screen = Screen(size, simulation.scene.title or "jello", viewer.keep)
-    screen.tell(viewer, "compiling ...")  # what draws
-    before: float | None = None  # what took its time between two frames counts as none
-    asked = leave_when_asked(viewer)
+    screen.write_alone(viewer, "compiling ...")
+    last: float | None = None  # None after work whose time does not count
+    handlers = leave_on_signals(viewer)
     try:
         while screen.running and not viewer.leaving and (seconds is None or viewer.simulation.time < seconds):
             interrupt.look()
             screen.listen(viewer)
             now = time.perf_counter()
-            viewer.advance(0.0 if before is None else now - before)
-            before = now
+            viewer.advance(0.0 if last is None else now - last)
+            last = now
             viewer.update()
             screen.show(viewer)
-            if viewer.catch_up():
-                before = None
+            if viewer.do_pending():
+                last = None
     finally:
-        for number, handler in asked.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
         if viewer.filming:
-            viewer.stop_film()
-            print(viewer.notice, flush=True)
+            print(viewer.pictures.stop_film(), flush=True)
         screen.close()
