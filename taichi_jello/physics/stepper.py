@@ -15,9 +15,12 @@ class Stepper:
     """Steps a system. One step is `one_step`. On a CPU one kernel does all substeps of a call, each member of a team
     with its share of the particles; on a GPU every stage of a substep is a parallel kernel.
 
+    on_trial: steps may be taken back; call `accept` after those that are not.
+
     If a neighbour list becomes invalid before a step, the kernels leave this and the following substeps undone."""
 
-    def __init__(self, system: Any, integrator: Any):
+    def __init__(self, system: Any, integrator: Any, *, on_trial: bool = False):
+        self.on_trial = on_trial
         self.system, self.integrator, self.ledger = system, integrator, system.ledger
         self.mutual, self.team, self.count, self.books = system.mutual, system.team, system.count, system.books
         self.compiled = False
@@ -79,6 +82,8 @@ class Stepper:
     def _finish(self, first, last, origin, step, stop, dt):
         """Advance and stop at solids, brake deep contacts, book the work."""
         self.integrator.finish(self.system, first, last, step * dt, dt)
+        if ti.static(not self.on_trial):
+            self.system.end_step(first, last, (step + 1) * dt)
         self.system.brake(first, last)
         if ti.static(self.books):
             self.ledger.book(self.system, first, last, step + 1 - origin, stop - origin, origin, dt)
@@ -111,6 +116,12 @@ class Stepper:
                         self.one_step(first, last, origin, step, stop, dt)
                 else:
                     self.one_step(first, last, origin, step, stop, dt)
+
+    @ti.kernel
+    def accept(self, t: float):
+        """Steps on trial have reached the state at t."""
+        self.system.gather(1)
+        self.system.end_step(0, self.count, t)
 
     @ti.func
     def _find_contacts(self, first, last, dt):

@@ -96,6 +96,7 @@ class System(Team):
         self.one_by_one = tuple(force for force in self.all_forces if not force.in_passes)
         self.prepared = tuple(force for force in self.all_forces if force.prepares)
         self.adding_mass = tuple(force for force in self.all_forces if force.adds_mass)
+        self.ending_steps = tuple(force for force in self.all_forces if force.ends_steps)
         self.sweeps = tuple(force.sweep for force in self.all_forces if force.sweep)
         self.mutual = tuple(force for force in self.all_forces if isinstance(force, MutualForce))
         self.brakes = tuple(force.brake for force in self.mutual if force.brake)
@@ -173,6 +174,12 @@ class System(Team):
         for sweep in ti.static(self.sweeps):
             stopped = stopped | sweep.stop(self, first, last, x0, x, v, t, dt, drifted)
         return stopped
+
+    @ti.func
+    def end_step(self, first, last, t):
+        """Move the anchors of friction at the end of a step."""
+        for force in ti.static(self.ending_steps):
+            force.end_step(self, first, last, self.state.x, t)
 
     @ti.func
     def brake(self, first, last):
@@ -256,11 +263,16 @@ class System(Team):
 
     def remembered(self, within: bool) -> dict[str, np.ndarray]:
         """What a run needs besides x and v to go on from here to the same bits; `within` a frame that has begun."""
-        return {"parts": np.array(self.parts)} if within and self.parts > 1 else {}
+        memory = {"parts": np.array(self.parts)} if within and self.parts > 1 else {}
+        for force in self.all_forces:
+            memory |= force.remembered()
+        return memory
 
     def recall(self, memory: dict[str, np.ndarray]) -> None:
         """Restore the moment of `memory`."""
         self.parts = int(memory.get("parts", 1))
+        for force in self.all_forces:
+            force.recall(memory)
 
     def write(self, x: np.ndarray, v: np.ndarray) -> None:
         """Set the state, (N, 3) each."""

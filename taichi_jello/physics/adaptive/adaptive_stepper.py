@@ -36,7 +36,7 @@ class AdaptiveStepper:
 
     def __init__(self, system: Any, integrator: Any):
         self.system, self.integrator, self.body = system, integrator, integrator.body
-        self.implicit, self.explicit = Stepper(system, integrator), Stepper(system, integrator.explicit)
+        self.implicit, self.explicit = Stepper(system, integrator, on_trial=True), Stepper(system, integrator.explicit)
         self._pushed, self._explicit_dt = False, 0.0
         self._rates: list[Any] = []
         self.whole = RigidMotion(self.body.jello, self.body.mass[:, None])
@@ -131,6 +131,8 @@ class AdaptiveStepper:
                 self.system.ledger.drop()
             return None, False
         v = np.where(flies[owner, None], np.einsum("nij,nj->ni", turns[owner], v), v)
+        if self.system.ending_steps:
+            self.implicit.accept(t + length)
         self._accept(now, after, length, flies, v)
         return after, error < EASY
 

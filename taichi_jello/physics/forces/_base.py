@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.particles import Particles
@@ -70,6 +71,8 @@ class Capabilities:
         neither is still applied where the step ends, but the solver does not know its slope.
     adds_mass: it makes a few particles heavier. `accelerate(first, last, x, v, t, a)` corrects what all other forces
         give them, `added_mass(i)` [kg] and `on_held(i, x, v, t)` [N] are of one particle.
+    ends_steps: `end_step(system, first, last, x, t)` runs when the particles first … last - 1 have reached x at the
+        end of a step. What it keeps from step to step, `remembered()` returns and `recall(memory)` restores.
     sweep: continuous collision detection at the end of every step (see continuous_collision.py).
     works: names for the energy ledger of what dissipates in a force that also stores energy;
         `powers(i, x, v, t)` is a vector with particle i's share of each [W].
@@ -82,9 +85,11 @@ class Capabilities:
     couples: bool = False
     generation: int = 0
     adds_mass: bool = False
+    ends_steps: bool = False
     sweep: Any = None
     works: tuple[str, ...] = ()
     prepare: Any
+    end_step: Any
     powers: Any
     accelerate: Any
     added_mass: Any
@@ -121,6 +126,13 @@ class ParticleForce(Capabilities):
     def tune(self, name: str, value: Any) -> None:
         """Change one of them; the kernels are not compiled anew."""
         raise TypeError(f"{type(self).__name__} must define tune()")
+
+    def remembered(self) -> dict[str, np.ndarray]:
+        """What a run needs besides x and v to go on to the same bits."""
+        return {}
+
+    def recall(self, memory: dict[str, np.ndarray]) -> None:
+        """Restore the moment of `memory`."""
 
     def begin_frame(self, start: float, end: float) -> None:
         """Bring live values up to date for the frame from `start` to `end` [s]."""

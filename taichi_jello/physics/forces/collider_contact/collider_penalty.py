@@ -10,6 +10,7 @@ import taichi as ti
 
 from taichi_jello.physics.forces._base import ParticleForce, Rates, block, even_block
 from taichi_jello.physics.forces.collider_contact.continuous_collision import Sweep
+from taichi_jello.physics.forces.collider_contact.friction import Anchors, friction_force, friction_stiffness
 from taichi_jello.physics.forces.contact_law import ContactLaw
 from taichi_jello.physics.forces.springs.spring_state import loose
 from taichi_jello.physics.particles import Particles
@@ -24,19 +25,6 @@ def pressure(depth, speed, stiffness, damping):
     """The normal force [N] on a particle `depth` [m] behind a surface and moving out of it at `speed` [m/s]: a spring
     of rest length 0 and a dashpot along the outward normal, never pulling."""
     return ti.max(0.0, stiffness * depth - damping * speed)
-
-
-@ti.func
-def rub(pressed, u, friction, grip):
-    """Friction [N] of a particle pressed with N = `pressed` [N] that slides at `u` [m/s]. It opposes u with magnitude
-    μN·g|u|/√(g²|u|² + μ²N²): Coulomb's μN when sliding, viscous with g [N·s/m] when almost at rest."""
-    return -friction_slope(friction * pressed, u, grip) * u
-
-
-@ti.func
-def friction_slope(limit, u, grip):
-    """The ratio of friction and speed [N·s/m], μN = `limit` [N]."""
-    return limit * grip / ti.sqrt(grip * grip * u.dot(u) + limit * limit + 1e-30)
 
 
 @dataclass(frozen=True)
@@ -78,7 +66,11 @@ class PenaltyContact(ParticleForce):
                 groups.append(Group(collider.signed_distance, collider.core_entry, start, end))
         self.groups, self.in_passes = tuple(groups), end > BROAD_PHASE_ABOVE
         self.law = ContactLaw(scene, particles.body, particles.memory, self.title)
-        self.rubs = self.law.rubs
+        self.rubs = self.ends_steps = self.law.rubs
+        if self.rubs:
+            self.anchors = Anchors(self.title, particles.memory, self._touching_points(particles))
+            blocks = np.zeros(particles.memory.padded // self.lanes, np.int32)
+            self.touched = particles.memory.table(self.title, "passes that touch", blocks)
         self.rows = particles.memory.table(self.title, "surfaces", self._rows(0.0, scene.solver.frame_dt))
         now = self._rows(0.0, 1.0)
         keyed = any(collider.keyframe for collider in self.colliders)
@@ -93,6 +85,10 @@ class PenaltyContact(ParticleForce):
     def _swept(body: Body) -> np.ndarray:
         """(N,) bool: the particles that continuous collision detection is for."""
         return ~body.embedded
+
+    @staticmethod
+    def _touching_points(particles: Particles) -> int:
+        return len(particles.body)
 
     @classmethod
     def made_for(cls, scene: Scene, particles: Particles) -> list["PenaltyContact"]:
@@ -114,6 +110,14 @@ class PenaltyContact(ParticleForce):
     def tune(self, name: str, value: Any) -> None:
         self.law.tune(name, value)
 
+    def remembered(self) -> dict[str, np.ndarray]:
+        return self.anchors.remembered() if self.rubs else {}
+
+    def recall(self, memory: dict[str, np.ndarray]) -> None:
+        if self.rubs:
+            self.anchors.recall(memory)
+            self.touched.fill(1)
+
     @staticmethod
     def _sorted(colliders: Sequence[Any]) -> list[Any]:
         kinds = list(dict.fromkeys(c.signed_distance for c in colliders))
@@ -131,11 +135,16 @@ class PenaltyContact(ParticleForce):
             self.rows.from_numpy(rows.astype(self.particles.memory.number))
 
     @ti.func
+    def place(self, r, t):
+        """The point [m] that surface r is relative to."""
+        row = self.rows[r]
+        return ti.Vector([row[0], row[1], row[2]]) + t * ti.Vector([row[3], row[4], row[5]])
+
+    @ti.func
     def touch(self, distance: ti.template(), r, p, t):
         """(normal, signed distance) of the point p at surface r."""
         row = self.rows[r]
-        place = ti.Vector([row[0], row[1], row[2]]) + t * ti.Vector([row[3], row[4], row[5]])
-        return distance(p - place, ti.Vector([row[6], row[7], row[8], row[9]]))
+        return distance(p - self.place(r, t), ti.Vector([row[6], row[7], row[8], row[9]]))
 
     @ti.func
     def gap(self, p, t):
@@ -147,8 +156,9 @@ class PenaltyContact(ParticleForce):
         return nearest
 
     @ti.func
-    def add_surfaces(self, what: ti.template(), law, p, u, t, h, share, total: ti.template()):
-        """Add up `what` over the surfaces that a point at p, moving at u, is behind: see the following functions."""
+    def add_surfaces(self, what: ti.template(), law, q, p, u, t, h, share, total: ti.template()):
+        """Add up `what` over the surfaces that point q, at p and moving at u, is behind: see the following
+        functions."""
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
                 touch = self.touch(group.signed_distance, r, p, t)
@@ -157,11 +167,18 @@ class PenaltyContact(ParticleForce):
                     own = ti.Vector([self.rows[r][3], self.rows[r][4], self.rows[r][5]])
                     speed = (u - own).dot(n)
                     slide = (u - own) - speed * n
-                    pressed = pressure(-touch[3], speed, share * law[0], share * law[1])
+                    pressed, k, grip = (
+                        pressure(-touch[3], speed, share * law[0], share * law[1]),
+                        share * law[0],
+                        share * law[3],
+                    )
+                    stretch = 0.0 * n
+                    if ti.static(self.rubs and what != "energy"):
+                        stretch = self.anchors.stretch(q, r, p - self.place(r, t), n)
                     if ti.static(what == "force"):
                         total += pressed * n
                         if ti.static(self.rubs):
-                            total += rub(pressed, slide, law[2], share * law[3])
+                            total += friction_force(pressed, stretch, slide, law[2], k, grip)
                         if ti.static(group.solid):
                             if -touch[3] > 0.5 * self.sweep.depth:
                                 self.deep[0] = 1
@@ -169,41 +186,67 @@ class PenaltyContact(ParticleForce):
                         if pressed > 0.0:
                             across = ti.cast(0.0, float)
                             if ti.static(self.rubs):
-                                across = friction_slope(law[2] * pressed, slide, share * law[3]) / h
-                            total += block(across, share * (law[0] + law[1] / h), n)
+                                across = friction_stiffness(pressed, stretch, slide, law[2], k, grip, h)
+                            total += block(across, k + share * law[1] / h, n)
                     elif ti.static(what == "energy"):
                         total += 0.5 * law[0] * touch[3] * touch[3]
                     else:
-                        total[0] += (pressed + share * law[0] * touch[3]) * speed
+                        total[0] += (pressed + k * touch[3]) * speed
                         total[2] += pressed * n.dot(own)
                         if ti.static(self.rubs):
-                            rubbed = rub(pressed, slide, law[2], share * law[3])
+                            rubbed = friction_force(pressed, stretch, slide, law[2], k, grip)
                             total[1] += rubbed.dot(slide)
                             total[2] += rubbed.dot(own)
 
     @ti.func
-    def push(self, law, p, u, t, share):
+    def push(self, law, q, p, u, t, share):
         """The force [N] on a point."""
         force = ti.Vector([0.0, 0.0, 0.0])
-        self.add_surfaces("force", law, p, u, t, 1.0, share, force)
+        self.add_surfaces("force", law, q, p, u, t, 1.0, share, force)
         return force
 
     @ti.func
-    def stiffening(self, law, p, u, t, h, share):
+    def stiffening(self, law, q, p, u, t, h, share):
         """The block [N/m] of a point for a step of h [s]: (k + damping/h) nnᵀ while pressed, and across n the ratio of
         friction and speed, at the pressure now."""
         total = even_block(ti.cast(0.0, float))
-        self.add_surfaces("block", law, p, u, t, h, share, total)
+        self.add_surfaces("block", law, q, p, u, t, h, share, total)
         return total
 
     @ti.func
-    def losses(self, law, p, u, t, share):
+    def losses(self, law, q, p, u, t, share):
         """The power [W] of dashpots, of friction and of the surfaces' own motion at a point: (N - kδ)s, f · w and
         (N n + f) · V, with pressure N, depth δ, speed s out of the surface, friction f, sliding velocity w and the
         surface's velocity V."""
         total = ti.Vector([0.0, 0.0, 0.0])
-        self.add_surfaces("power", law, p, u, t, 1.0, share, total)
+        self.add_surfaces("power", law, q, p, u, t, 1.0, share, total)
         return total
+
+    @ti.func
+    def hold(self, law, q, p, t):
+        """At the end of a step: the surface that point q at p is deepest in holds it, μδ from its anchor at most.
+        Returns whether there is one."""
+        deepest, depth, normal = -1, ti.cast(0.0, float), ti.Vector([0.0, 0.0, 0.0])
+        for group in ti.static(self.groups):
+            for r in range(group.start, group.stop):
+                touch = self.touch(group.signed_distance, r, p, t)
+                if -touch[3] > depth:
+                    deepest, depth, normal = r, -touch[3], ti.Vector([touch[0], touch[1], touch[2]])
+        if deepest >= 0:
+            self.anchors.follow(q, deepest, p - self.place(deepest, t), normal, law[2] * depth)
+        else:
+            self.anchors.let_go(q)
+        return ti.cast(deepest >= 0, ti.i32)
+
+    @ti.func
+    def end_step(self, system, first, last, x, t):
+        for b in range(first // self.lanes, (last + self.lanes - 1) // self.lanes):
+            if self.touched[b]:
+                held = 0
+                for i in range(b * self.lanes, ti.min((b + 1) * self.lanes, last)):
+                    if self.touches(i):
+                        held |= self.hold(self.law.of(i), i, x[i], t)
+                self.touched[b] = held
 
     @ti.func
     def touches(self, i):
@@ -217,7 +260,10 @@ class PenaltyContact(ParticleForce):
     def on(self, i, x, v, t):
         force = ti.Vector([0.0, 0.0, 0.0])
         if self.touches(i):
-            force = self.push(self.law.of(i), x[i], v[i], t, 1.0)
+            force = self.push(self.law.of(i), i, x[i], v[i], t, 1.0)
+            if ti.static(self.rubs):
+                if force.dot(force) > 0.0:
+                    self.touched[i // self.lanes] = 1
         return force
 
     @ti.func
@@ -241,19 +287,19 @@ class PenaltyContact(ParticleForce):
     def curvature(self, i, x, v, t, h):
         total = even_block(ti.cast(0.0, float))
         if self.touches(i):
-            total = self.stiffening(self.law.of(i), x[i], v[i], t, h, 1.0)
+            total = self.stiffening(self.law.of(i), i, x[i], v[i], t, h, 1.0)
         return total
 
     @ti.func
     def pressed_energy(self, law, p, t):
         """½ k depth² [J] of a point at p."""
         total = ti.cast(0.0, float)
-        self.add_surfaces("energy", law, p, p, t, 1.0, 1.0, total)
+        self.add_surfaces("energy", law, 0, p, p, t, 1.0, 1.0, total)
         return total
 
     @ti.func
     def powers(self, i, x, v, t):
-        return self.touches(i) * self.losses(self.law.of(i), x[i], v[i], t, 1.0)
+        return self.touches(i) * self.losses(self.law.of(i), i, x[i], v[i], t, 1.0)
 
     @ti.func
     def energy(self, i, x, t):

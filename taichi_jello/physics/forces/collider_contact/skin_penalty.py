@@ -60,6 +60,10 @@ class SkinContact(PenaltyContact):
         return steepest(body.mass, body.skin_corners, body.skin_weights, share)
 
     @staticmethod
+    def _touching_points(particles: Particles) -> int:
+        return len(particles.body.skin_corners)
+
+    @staticmethod
     def _swept(body: Body) -> np.ndarray:
         """Particles inside a skin stand for it; the others only carry it."""
         return body.embedded & body.inside
@@ -99,12 +103,21 @@ class SkinContact(PenaltyContact):
             if near:
                 law, sums = self.law.of(self.corners[cell][0]), ti.Matrix.zero(float, 8, 3)
                 for q in range(self.start[cell], self.start[cell + 1]):
-                    force = self.push(law, self.at_point(q, cell, x), self.at_point(q, cell, v), t, self.skin[q][3])
+                    p, u = self.at_point(q, cell, x), self.at_point(q, cell, v)
+                    force = self.push(law, q, p, u, t, self.skin[q][3])
                     for k in ti.static(range(8)):
                         for axis in ti.static(range(3)):
                             sums[k, axis] += self.weight(k, self.skin[q]) * force[axis]
                 for k in ti.static(range(8)):
                     self.forces[8 * cell + k] = ti.Vector([sums[k, 0], sums[k, 1], sums[k, 2]])
+
+    @ti.func
+    def end_step(self, system, first, last, x, t):
+        system.wait_for_team()  # until x of all particles is there
+        for cell in range(system.share_of(first, self.points), system.share_of(last, self.points)):
+            if self.near[cell]:
+                for q in range(self.start[cell], self.start[cell + 1]):
+                    self.hold(self.law.of(self.corners[cell][0]), q, self.at_point(q, cell, x), t)
 
     @ti.func
     def on(self, i, x, v, t):
@@ -126,7 +139,7 @@ class SkinContact(PenaltyContact):
                     for k in ti.static(range(8)):
                         share += self.weight(k, self.skin[q]) * (own == k)
                     p, u = self.at_point(q, cell, x), self.at_point(q, cell, v)
-                    total += share * self.stiffening(self.law.of(i), p, u, t, h, self.skin[q][3])
+                    total += share * self.stiffening(self.law.of(i), q, p, u, t, h, self.skin[q][3])
         return total
 
     @ti.func
@@ -137,13 +150,12 @@ class SkinContact(PenaltyContact):
             if self.around[e] % 8 == 0:
                 cell = self.around[e] // 8
                 for q in range(self.start[cell], self.start[cell + 1]):
-                    total += term(
-                        self.law.of(i), self.at_point(q, cell, x), self.at_point(q, cell, v), t, self.skin[q][3]
-                    )
+                    p, u = self.at_point(q, cell, x), self.at_point(q, cell, v)
+                    total += term(self.law.of(i), q, p, u, t, self.skin[q][3])
         return total
 
     @ti.func
-    def energy_of(self, law, p, u, t, share):
+    def energy_of(self, law, q, p, u, t, share):
         return share * self.pressed_energy(law, p, t)
 
     @ti.func

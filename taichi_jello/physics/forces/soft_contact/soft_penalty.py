@@ -15,7 +15,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces._base import MutualForce, Rates, block, cut, even_block
-from taichi_jello.physics.forces.collider_contact.collider_penalty import pressure, rub
+from taichi_jello.physics.forces.collider_contact.collider_penalty import pressure
 from taichi_jello.physics.forces.collider_contact.skin_penalty import steepest
 from taichi_jello.physics.forces.contact_law import ContactLaw
 from taichi_jello.physics.forces.soft_contact.contacts import Contacts
@@ -24,6 +24,13 @@ from taichi_jello.physics.forces.soft_contact.shared_load import LOAD
 from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import AT_ONCE
 from taichi_jello.physics.forces.springs.spring_state import loose
 from taichi_jello.support.runtime import RuntimeProblem
+
+
+@ti.func
+def rub(pressed, u, friction, grip):
+    limit = friction * pressed
+    return -limit * grip / ti.sqrt(grip * grip * u.dot(u) + limit * limit + 1e-30) * u
+
 
 STOP = 0.25  # of the mass over the step, what an explicit step stands of a dashpot where little else damps
 SOFT = 0.5  # of the depth of a core, over which its dashpot grows hard

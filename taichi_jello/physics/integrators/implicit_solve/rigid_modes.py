@@ -110,7 +110,7 @@ class RigidModes:
                 total += generalised_mass(block[0, i], block[1, i], x[i] - centre)
             for entry in ti.static(range(len(UPPER))):
                 self.terms[k, entry] = total[entry]
-        self.add_up(system, first, last, len(UPPER))
+        self.add_up(system, first, last, ti.static(len(UPPER)))
         for g in range(self.jellos):
             if serial(first, last):
                 self.invert(g)

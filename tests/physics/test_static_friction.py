@@ -1,0 +1,125 @@
+"""Static friction: what Coulomb's law holds stays where it is, what it does not slides with g (sin α - μ cos α)."""
+
+from math import atan, cos, sin
+
+import numpy as np
+import pytest
+
+from taichi_jello import Block, Box, Contact, Mesh, Plane, Scene, Simulation
+from taichi_jello.scene.keyframes import Move
+
+G = 9.81
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi(best_precision):
+    return best_precision
+
+
+def on_a_slope(slope, friction, method=None, points=5, jello=None, **options):
+    """A box on a plane that is level while gravity leans: tan α = slope, downhill along +x."""
+    angle = atan(slope)
+    box = jello or Box(points=(points,) * 3, size=(0.5, 0.5, 0.5), position=(0.0, 0.25, 0.0), damping=1.0)
+    scene = Scene(
+        gravity=(G * sin(angle), -G * cos(angle), 0.0),
+        jello=[box],
+        collider=[Plane()],
+        contact=Contact(friction=friction),
+    )
+    return Simulation(scene, method=method, **options)
+
+
+def middle(simulation):
+    return np.average(simulation.x.astype(float), axis=0, weights=simulation.body.mass)
+
+
+METHODS = ["rk4", "symplectic-euler", "verlet", "xpbd", "backward-euler", "adaptive"]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_box_rests_on_a_slope_that_friction_holds(method):
+    simulation = on_a_slope(0.495, 0.5, method)
+    simulation.advance(3.0)
+    before = middle(simulation)
+    simulation.advance(3.0)
+    assert np.linalg.norm(middle(simulation) - before) / 3.0 < 1e-4
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_box_slides_down_a_steeper_one(method):
+    slope, friction = 0.5, 0.3
+    simulation = on_a_slope(slope, friction, method)
+    mass = simulation.body.mass[:, None]
+
+    def speed():
+        return float((mass * simulation.v.astype(float)).sum(0)[0] / mass.sum())
+
+    simulation.advance(1.0)
+    before = speed()
+    simulation.advance(1.0)
+    expected = G * (sin(atan(slope)) - friction * cos(atan(slope)))
+    assert speed() - before == pytest.approx(expected, rel=0.01)
+
+
+CUBE = """v -0.25 -0.25 -0.25
+v 0.25 -0.25 -0.25
+v 0.25 0.25 -0.25
+v -0.25 0.25 -0.25
+v -0.25 -0.25 0.25
+v 0.25 -0.25 0.25
+v 0.25 0.25 0.25
+v -0.25 0.25 0.25
+f 4 3 2 1
+f 5 6 7 8
+f 1 2 6 5
+f 2 3 7 6
+f 3 4 8 7
+f 4 1 5 8
+"""
+
+
+def test_an_embedded_skin_rests_too(tmp_path):
+    (tmp_path / "cube.obj").write_text(CUBE)
+    mesh = Mesh(file=str(tmp_path / "cube.obj"), resolution=5, size=0.5, position=(0.0, 0.25, 0.0), stiffness=800.0, damping=1.0)
+    simulation = on_a_slope(0.3, 0.5, jello=mesh)
+    assert len(simulation.body.skin_corners) > 0
+    simulation.advance(3.0)
+    before = middle(simulation)
+    simulation.advance(3.0)
+    assert np.linalg.norm(middle(simulation) - before) / 3.0 < 1e-4
+
+
+def test_a_snapshot_of_what_friction_holds_goes_on_to_the_same_bits():
+    simulation = on_a_slope(0.45, 0.5)
+    simulation.advance(1.0)
+    now = simulation.snapshot()
+    simulation.advance(0.5)
+    expected = simulation.x.copy()
+    simulation.advance(0.2)
+    simulation.restore(now)
+    simulation.advance(0.5)
+    assert np.array_equal(simulation.x, expected)
+
+
+def test_a_moving_surface_carries_what_stands_on_it():
+    keyframes = [Move(time=t, offset=(0.25 * t * t, 0.0, 0.0)) for t in np.linspace(0.0, 2.0, 41)]
+    block = Block(min=(-2.0, -0.2, -2.0), max=(2.0, 0.0, 2.0), keyframe=keyframes)
+    box = Box(points=(4, 4, 4), size=(0.5, 0.5, 0.5), position=(0.0, 0.25, 0.0), damping=1.0)
+    simulation = Simulation(Scene(jello=[box], collider=[block], contact=Contact(friction=0.5)))
+    simulation.advance(2.0)
+    assert middle(simulation)[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_ledger_books_what_friction_takes():
+    simulation = on_a_slope(0.5, 0.3, "rk4", ledger=True)
+    before = sum(simulation.energies().values())
+    simulation.advance(1.0)
+    assert simulation.work["friction"] < -0.1
+    assert abs(simulation.energy_residual) < 1e-3 * abs(before + simulation.work["friction"])
+
+
+def test_without_friction_there_are_no_anchors():
+    simulation = on_a_slope(0.1, 0.0)
+    names = {name for owner, name, _ in simulation.system.memory.fields if owner == "contact"}
+    assert "anchors" not in names
+    assert "anchors" in {name for owner, name, _ in on_a_slope(0.1, 0.5).system.memory.fields if owner == "contact"}
