@@ -101,7 +101,7 @@ class System(Team):
         self.mutual = tuple(force for force in self.all_forces if isinstance(force, MutualForce))
         self.brakes = tuple(force.brake for force in self.mutual if force.brake)
         self.rounds = max((force.rounds for force in self.mutual), default=0)
-        outer = [f for f in self.all_forces if f.has_curvature and not f.couples and f not in self.mutual]
+        outer = [f for f in self.all_forces if f.has_curvature and not f.internal and f not in self.mutual]
         self.closed = bool(self.mutual) and not outer and not body.pinned.any()  # jellos can touch only each other
 
     @staticmethod
@@ -256,7 +256,7 @@ class System(Team):
 
     def _choose_parts(self, frame_dt: float, dt: float) -> int:
         """In how many parts automatic steps of dt [s] are taken in the frame that begins."""
-        asked = [force.parts(self.good.x, self.good.v, frame_dt, dt) for force in self.mutual]
+        asked = [force.parts(self.good.x, self.good.v, frame_dt, dt) for force in self.all_forces]
         if dt > self.bound.wild_dt * (1.0 + 1e-9) and self.heat and self.heat.wild():
             asked.append(ceil(dt / self.bound.wild_dt * (1.0 - 1e-9)))
         return max(asked, default=1)

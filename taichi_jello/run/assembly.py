@@ -29,6 +29,8 @@ def built(jello: Jello) -> Body:
             )
         if pin.keyframe:  # start at the beginning of the path
             body = replace(body, x=body.x + held[:, None] * offset(pin.keyframe, 0.0))
+    if jello.volume > 0.0 and not len(body.cells):
+        raise SceneError("volume", f"expected 0 for a {jello.shape}: it has no cells, got {jello.volume:g}")
     body = replace(body, **material(jello, body))
     return replace(body, **with_regions(body, tuple(jello.region))) if jello.region else body
 

@@ -154,6 +154,8 @@ class Jello(Checked):
     an error (in Python only if the one replaced differs from its default).
     creep [1/s]: the rate at which rest lengths relax to the springs' lengths; yield_strain: beyond it they follow at
     once; tear_strain, relative to the initial or frozen length: at it a spring breaks; 0: never.
+    volume: how a solid resists a change of its volume, over Young's modulus of its springs; 0: by the springs alone, 1:
+    as hard again, which also turns cells right that are inside out; 20: nearly incompressible.
     x [m], v [m/s]: (N, 3) initial positions and velocities of the points, in place of the above.
     """
 
@@ -172,6 +174,7 @@ class Jello(Checked):
     creep: float = 0.0
     yield_strain: float = 0.0
     tear_strain: float = 0.0
+    volume: float = 0.0
     pin: Sequence[Pin] = ()
     self_contact: bool = False
     x: Any = None
@@ -196,7 +199,7 @@ class Jello(Checked):
         for name in ("mass", "young", "density"):
             if name not in absent:
                 checked[name] = number(name, getattr(self, name), above=0.0)
-        for name in ("creep", "yield_strain", "tear_strain", "damping_ratio"):
+        for name in ("creep", "yield_strain", "tear_strain", "volume", "damping_ratio"):
             if name not in absent:
                 checked[name] = number(name, getattr(self, name), low=0.0)
         for name in ("stiffness", "damping"):

@@ -80,7 +80,9 @@ f 4 1 5 8
 
 def test_an_embedded_skin_rests_too(tmp_path):
     (tmp_path / "cube.obj").write_text(CUBE)
-    mesh = Mesh(file=str(tmp_path / "cube.obj"), resolution=5, size=0.5, position=(0.0, 0.25, 0.0), stiffness=800.0, damping=1.0)
+    mesh = Mesh(
+        file=str(tmp_path / "cube.obj"), resolution=5, size=0.5, position=(0.0, 0.25, 0.0), stiffness=800.0, damping=1.0
+    )
     simulation = on_a_slope(0.3, 0.5, jello=mesh)
     assert len(simulation.body.skin_corners) > 0
     simulation.advance(3.0)
@@ -103,7 +105,7 @@ def test_a_snapshot_of_what_friction_holds_goes_on_to_the_same_bits():
 
 def test_a_moving_surface_carries_what_stands_on_it():
     keyframes = [Move(time=t, offset=(0.25 * t * t, 0.0, 0.0)) for t in np.linspace(0.0, 2.0, 41)]
-    block = Block(min=(-2.0, -0.2, -2.0), max=(2.0, 0.0, 2.0), keyframe=keyframes)
+    block = Block(center=(0.0, -0.5, 0.0), size=(8.0, 1.0, 8.0), keyframe=keyframes)
     box = Box(points=(4, 4, 4), size=(0.5, 0.5, 0.5), position=(0.0, 0.25, 0.0), damping=1.0)
     simulation = Simulation(Scene(jello=[box], collider=[block], contact=Contact(friction=0.5)))
     simulation.advance(2.0)

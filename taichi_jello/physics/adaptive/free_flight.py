@@ -36,7 +36,7 @@ class FreeFlight:
         self.mutual = [force for force in contacts if isinstance(force, MutualForce)]
         self.fall = next((force for force in system.all_forces if isinstance(force, Gravity)), None)
         known = [*contacts, self.fall]
-        self.others = [force for force in system.all_forces if not force.couples and force not in known]
+        self.others = [force for force in system.all_forces if not force.internal and force not in known]
         self.thinnest = min((c.thickness for force in self.with_colliders for c in force.colliders), default=np.inf)
 
     def gravity(self) -> np.ndarray:

@@ -69,6 +69,7 @@ class Capabilities:
         to q, `hold(i, x, h)` is its diagonal block, `pairs(h)` are the particles (2, S) that it couples and a bound
         [N/m] for each pair; `generation` counts how often these have changed other than by `tune`. A force with
         neither is still applied where the step ends, but the solver does not know its slope.
+    internal: it acts between the particles of a jello and keeps their momentum.
     adds_mass: it makes a few particles heavier. `accelerate(first, last, x, v, t, a)` corrects what all other forces
         give them, `added_mass(i)` [kg] and `on_held(i, x, v, t)` [N] are of one particle.
     ends_steps: `end_step(system, first, last, x, t)` runs when the particles first … last - 1 have reached x at the
@@ -84,6 +85,7 @@ class Capabilities:
     has_curvature: bool = False
     couples: bool = False
     generation: int = 0
+    internal: bool = False
     adds_mass: bool = False
     ends_steps: bool = False
     sweep: Any = None
@@ -127,6 +129,13 @@ class ParticleForce(Capabilities):
         """Change one of them; the kernels are not compiled anew."""
         raise TypeError(f"{type(self).__name__} must define tune()")
 
+    def parts(self, x: np.ndarray, v: np.ndarray, frame_dt: float, dt: float) -> int:
+        """In how many parts automatic steps of dt [s] are to be taken in a frame that begins at x and v (N, 3)."""
+        return 1
+
+    def set_state(self, state: Any) -> None:
+        """Follow springs that have been torn: a SpringState."""
+
     def remembered(self) -> dict[str, np.ndarray]:
         """What a run needs besides x and v to go on to the same bits."""
         return {}
@@ -150,8 +159,8 @@ class MutualForce(ParticleForce):
     `watch(first, last, x, v, t, dt)` runs before each step and `stale()` then says whether the step must wait.
 
     Step size: `stride(dt, solves, damping)` gives the length of the next steps, whether they are implicit, and a bound
-    on the damping rate [1/s]; `parts(x, v, frame_dt, dt)` is the number of parts to take each step of the coming frame
-    in, more than one only where something moves farther than `nearest` [m] in a step. With a `brake` (see
+    on the damping rate [1/s]; `parts` is more than one only where
+    something moves farther than `nearest` [m] in a step. With a `brake` (see
     inelastic_brake.py) deep contacts lose speed at the end of a step.
     """
 
@@ -165,5 +174,4 @@ class MutualForce(ParticleForce):
     forget: Any
     watch: Any
     stale: Any
-    parts: Any
     stride: Any

@@ -17,7 +17,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces._base import MutualForce, even_block
-from taichi_jello.physics.forces.springs.hooke import dashpot, hooke
+from taichi_jello.physics.forces.springs.hooke import Springs, dashpot, hooke
 from taichi_jello.physics.integrators import _ldl
 from taichi_jello.physics.integrators._base import Integrator, oscillator_matrix, serial
 from taichi_jello.physics.integrators.energy_limits.energy_budget import ATTEMPTS, Budget
@@ -50,8 +50,8 @@ def colored(springs: np.ndarray, particles: int) -> np.ndarray:
 def holding_and_pushing(forces: Forces) -> tuple[Forces, Forces]:
     """The forces that hold single particles: contact with colliders, friction, drag, the hand; and all others but
     springs. Those between particles push: taken at the start of the step they are equal and opposite."""
-    holding = tuple(f for f in forces if f.has_curvature and not isinstance(f, MutualForce))
-    return holding, tuple(f for f in forces if not f.couples and f not in holding)
+    holding = tuple(f for f in forces if f.has_curvature and not f.internal and not isinstance(f, MutualForce))
+    return holding, tuple(f for f in forces if not isinstance(f, Springs) and f not in holding)
 
 
 @ti.data_oriented
@@ -72,7 +72,7 @@ class XPBD(Integrator):
     def use_forces(self, forces: Forces) -> None:
         memory = self.memory
         self.holding, self.pushing = holding_and_pushing(forces)
-        self.springs: Any = next((f for f in forces if f.couples), None)
+        self.springs: Any = next((f for f in forces if isinstance(f, Springs)), None)
         self.colors, parts = 0, [(self.push, 1)]  # and the number of stages of each
         if self.springs or self.holding:
             self.before = memory.vectors(self.name, "v before")

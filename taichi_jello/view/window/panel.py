@@ -78,6 +78,7 @@ class Panel:
         for key, name, low, high in (
             ("stiffness", "stiffness x", 0.1, 10.0),
             ("damping", "damping x", 0.0, 10.0),
+            ("volume", "volume", 0.0, 20.0),
             ("friction", "friction", 0.0, 2.0),
             ("contact_stiffness", "contact [N/m]", 0.1 * contact, 10.0 * contact),
         ):

@@ -312,7 +312,7 @@ class Touch(MutualForce):
                 total = self.lost(self.contacts.point_of[i], x, v)
         return total
 
-    def obey(self, law):
+    def set_state(self, law):
         self.contacts.obey(law)
 
     def begin_frame(self, start, end):

@@ -18,8 +18,8 @@ class SpringChange:
     `memory`: what a run needs to go on from a moment, arrays that are replaced, never written to; `work` [J]: the
     energy put into the system until now, by cause."""
 
-    def __init__(self, scene: Scene, body: Body, springs: Any, touch: Any):
-        self.scene, self.body, self.springs, self.touch = scene, body, springs, touch
+    def __init__(self, scene: Scene, body: Body, springs: Any, others: list[Any]):
+        self.scene, self.body, self.springs, self.others = scene, body, springs, others
         self.creep = by_jello(scene, body, [jello.creep for jello in scene.jello])
         self.yield_strain = by_jello(scene, body, [jello.yield_strain for jello in scene.jello])
         self.tear_strain = by_jello(scene, body, [jello.tear_strain for jello in scene.jello])
@@ -111,8 +111,8 @@ class SpringChange:
     def _write(self) -> None:
         if not self.written.equals(self.state):
             self.springs.set_state(self.state)
-            if self.touch:
-                self.touch.obey(self.state)
+            for force in self.others:
+                force.set_state(self.state)
             self.written = self.state
 
 
@@ -162,7 +162,9 @@ class Changes:
         self.absent = [title for title, used in options(scene).items() if not used]
         self.all: list[SpringChange | GravityChange] = []
         if "springs" in named and any(jello.changes for jello in scene.jello):
-            self.all.append(SpringChange(scene, body, named["springs"], named.get("touch")))
+            self.all.append(
+                SpringChange(scene, body, named["springs"], [force for force in forces if force.title != "springs"])
+            )
         if scene.keyframe:
             self.all.append(GravityChange(scene, body, named["gravity"]))
         self.begun: float | None = None

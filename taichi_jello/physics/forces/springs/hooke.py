@@ -45,7 +45,7 @@ class Springs(ParticleForce):
     title = "springs"
     energy_kind = "elastic"
     in_passes = True
-    couples = True
+    couples = internal = True
 
     def __init__(self, scene: Scene, particles: Particles):
         self.scene, self.body, memory = scene, particles.body, particles.memory

@@ -126,7 +126,7 @@ class Newton:
                 B += force.curvature(i, self.at.x, self.at.v, self.now.time[0], c)
         self.set_block(i, B)
         if ti.static(self.preconditioner.by_blocks):
-            for force in ti.static(system.in_passes):
+            for force in ti.static(system.all_forces):
                 if ti.static(force.couples):
                     B += force.hold(i, self.at.x, c)
             self.preconditioner.set_block(i, B)
@@ -198,7 +198,7 @@ class Newton:
             end = ti.min(start + system.lanes, last)
             for i in range(start, end):
                 q[i] = times(self.block, i, p[i])
-            for force in ti.static(system.in_passes):
+            for force in ti.static(system.all_forces):
                 if ti.static(force.couples):
                     force.resist_on_pass(start, end, self.at.x, p, c, q)
             if ti.static(system.particles.pinned):
