@@ -69,8 +69,8 @@ def crowd_row(arch: str, seconds: float) -> dict[str, Any]:
 
     runtime.start(arch)
     simulation = Simulation(load("crowd"))
-    near = next(force.near for force in simulation.system.all_forces if isinstance(force, Touch))
-    search, searched = near.refresh, 0.0
+    touch = next(force for force in simulation.system.all_forces if isinstance(force, Touch))
+    search, searched = touch.refresh, 0.0
 
     def timed(*arguments: Any) -> None:
         nonlocal searched
@@ -80,7 +80,7 @@ def crowd_row(arch: str, seconds: float) -> dict[str, Any]:
 
     simulation.frame()  # compiles
     simulation.reset()
-    near.refresh = timed
+    touch.refresh = timed
     frames, times = round(seconds / simulation.frame_dt), []
     for _ in range(frames):
         start = time.perf_counter()

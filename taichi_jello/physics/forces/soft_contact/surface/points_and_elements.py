@@ -11,7 +11,6 @@ from taichi_jello.scene.body import Body
 
 FAR = 1e30  # m
 LONGEST = 0.75  # of a convex body's thickness: edges of all of it end in the planes of the sides of one like it
-AT_ONCE = 2  # contacts of one point, each with another jello; more are rare and left out
 HALVES = np.array([[0, 1, 3], [0, 2, 3]])  # of a face, by the corners of FACES
 FACES = np.array([[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 4, 5], [2, 3, 6, 7], [0, 2, 4, 6], [1, 3, 5, 7]])
 THIN = 8.0  # times its radius, what a thin body is as thick as: an eighth of that may be passed in a step
@@ -166,16 +165,14 @@ class Touching:
         """(Q, 3) [m] where the points are with the particles at x (N, 3)."""
         return np.concatenate([x[self.points[: self.bare]], np.einsum("qk,qkd->qd", self.weights, x[self.corners])])
 
-    @property
-    def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def points_of_particles(self, particles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The points that each particle i is part of: those from first[i] to first[i + 1], and its weight in each."""
         particle = np.concatenate([self.points[: self.bare], self.corners.ravel()])
         point = np.concatenate([np.arange(self.bare), self.bare + np.repeat(np.arange(len(self.corners)), 8)])
         weight = np.concatenate([np.ones(self.bare), self.weights.ravel()])
-        some = weight > 0.0
-        order = np.argsort(particle[some], kind="stable")
-        first = np.searchsorted(particle[some][order], np.arange(particle.max() + 2))
-        return first, point[some][order], weight[some][order]
+        order = np.argsort(particle, kind="stable")
+        order = order[weight[order] > 0.0]
+        return np.searchsorted(particle[order], np.arange(particles + 1)), point[order], weight[order]
 
 
 def skin_shares(body: Body) -> np.ndarray:
