@@ -35,14 +35,13 @@ class NarrowPhase:
         tears: bool,
     ):
         self.body, self.surface, self.near = body, surface, near
-        touching = surface.touching
         self.contacts = Contacts(title, memory, surface, law)
-        can_brake = surface.others and int(np.sum(~touching.loose)) > 1
+        can_brake = surface.others and int(np.sum(~surface.touching.shapes.loose)) > 1
         self.brake: Any = Brake(title, memory, surface) if can_brake else None
         whole = np.ones(surface.elements, np.int32)
         self.intact = memory.table(title, "elements not parted", whole) if tears else None
         found = self.contacts, near, self.brake, self.intact
-        self.solids: Any = SolidContacts(title, memory, *found) if touching.solid else None
+        self.solids: Any = SolidContacts(title, memory, *found) if surface.solid else None
         self.thin: Any = ThinContacts(title, body, memory, *found) if surface.has_thin else None
 
     def obey(self, law: Law) -> None:

@@ -71,7 +71,7 @@ class Touch(MutualForce):
         self.masses = memory.table(self.title, "lightest particle and mass", self._masses(body))
         self.rate = memory.table(self.title, "rates of dashpots in cores", np.zeros(2))
         self._rate = (0.0, 0.0)
-        approach = Approach(body, touching.thickness)
+        approach = Approach(body, touching.shapes.thickness)
         self.nearest, self.parts = approach.least, approach.parts
 
     @classmethod

@@ -46,7 +46,7 @@ class SolidContacts:
         self.start = memory.table(title, "exits of groups", touching.start)
         self.triangles = memory.table(title, "exit triangles", touching.triangles)
         self.inner = memory.table(title, "inner neighbours", touching.inner)
-        self.core = memory.table(title, "cores", touching.core)
+        self.core = memory.table(title, "cores", touching.shapes.core)
 
     @ti.func
     def fit(self, leaf):

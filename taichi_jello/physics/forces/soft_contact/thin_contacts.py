@@ -12,7 +12,7 @@ from taichi_jello.physics.forces.soft_contact.fast.inelastic_brake import Brake
 from taichi_jello.physics.forces.soft_contact.search.closest_point import closest, nearer
 from taichi_jello.physics.forces.soft_contact.search.neighbour_list import NeighbourList
 from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import FAR
-from taichi_jello.physics.forces.soft_contact.surface.thickness import CORE
+from taichi_jello.physics.forces.soft_contact.surface.shapes import CORE
 from taichi_jello.physics.state import Memory
 from taichi_jello.scene.body import Body
 
@@ -39,12 +39,12 @@ class ThinContacts:
     ):
         self.contacts, self.near, self.brake, self.intact = contacts, near, brake, intact
         self.surface, self.place = contacts.surface, contacts.place
-        touching = self.surface.touching
+        touching, shapes = self.surface.touching, self.surface.touching.shapes
         point_of = np.zeros(len(body), np.int32)
         point_of[touching.points[: touching.bare]] = np.arange(touching.bare)
         self.triangles = memory.table(title, "points of thin elements", point_of[touching.nodes[touching.solid :, :3]])
-        self.has_ropes_on_solids = self.surface.others and bool(touching.rope.any() and touching.firm.any())
-        self.has_thin_pairs = brake is not None and int(np.sum(touching.radius > 0.0)) > 1
+        self.has_ropes_on_solids = self.surface.has_ropes and self.surface.others and bool(shapes.firm.any())
+        self.has_thin_pairs = brake is not None and int(np.sum(shapes.radius > 0.0)) > 1
         if self.has_thin_pairs:
             mass = np.bincount(body.jello, body.mass) / np.bincount(body.jello)
             self.particle_mass = memory.table(title, "masses of particles", mass)

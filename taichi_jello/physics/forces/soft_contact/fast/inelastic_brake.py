@@ -29,11 +29,11 @@ class Brake:
 
     def __init__(self, title: str, memory: Memory, surface: SurfaceFields):
         self.surface, self.jellos = surface, surface.jellos
-        J, touching = surface.jellos, surface.touching
-        self.firm = memory.table(title, "firm jellos", np.where(touching.compact, COMPACT, ~touching.loose * LONG))
+        J, shapes = surface.jellos, surface.touching.shapes
+        self.firm = memory.table(title, "firm jellos", np.where(shapes.compact, COMPACT, ~shapes.loose * LONG))
         self.deep = memory.zeros(title, "pairs in a core", (J * J,), whole=True)
         self.any = memory.zeros(title, "any in a core", (1,), whole=True)
-        self.sided = (touching.solid > 0 and surface.has_thin) or surface.has_rope_pairs or touching.has_slender
+        self.sided = (surface.solid > 0 and surface.has_thin) or surface.has_rope_pairs or shapes.has_slender
         if self.sided:
             self.sides = memory.zeros(title, "sides of cores", (J * J, 4), whole=True)
         names = ("centres", "speeds", "spins", "pushes", "turns")

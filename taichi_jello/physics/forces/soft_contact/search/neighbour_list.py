@@ -44,7 +44,7 @@ class NeighbourList:
         self.jellos, self.count, self.elements = surface.jellos, surface.count, surface.elements
         self.margins = Margins(title, body, memory, surface, frame_dt)
         owner, middle = body.jello[touching.nodes[:, 0]], body.rest[touching.nodes].mean(1)
-        self.tree = tree = BoxTree.of(owner, middle, touching.radius > 0.0)
+        self.tree = tree = BoxTree.of(owner, middle, touching.shapes.radius > 0.0)
         self.boxes_of_nodes, self.blocks = len(tree.first), len(tree.leaf)
         leaves = np.flatnonzero(tree.is_leaf)
         self.all_leaves, self.leaves = len(leaves), table("tree: all leaves", leaves)

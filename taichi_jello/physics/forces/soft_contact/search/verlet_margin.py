@@ -28,7 +28,7 @@ class Margins:
             return memory.zeros(title, name, shape)
 
         self.surface, self.jellos, self.frame_dt = surface, surface.jellos, frame_dt
-        self.least_spacing = float(np.min(surface.touching.spacing))
+        self.least_spacing = float(np.min(surface.touching.shapes.spacing))
         self.lever = memory.table(title, "levers", levers(body))
         self.margin, self.start = numbers("margins", memory.particles), memory.vectors(title, "x at the last search")
         self.own_x = numbers("x along own axes", memory.particles, 3)

@@ -20,11 +20,12 @@ class SurfaceFields:
             return memory.table(title, name, values)
 
         self.touching, self.others, self.itself, self.with_self = touching, others, itself, bool(itself.any())
-        self.jellos, self.count, self.elements = len(touching.radius), len(touching.points), len(touching.nodes)
+        shapes, ropes = touching.shapes, touching.shapes.rope & ~touching.shapes.loose
+        self.jellos, self.count, self.elements = len(shapes.radius), len(touching.points), len(touching.nodes)
         self.solid, self.has_thin = touching.solid, touching.solid < self.elements
         self.jello = table("jello", body.jello)
         self.first = table("first particles", np.searchsorted(body.jello, np.arange(self.jellos + 1)))
-        self.radius, self.spacing = table("radius", touching.radius), table("spacing", touching.spacing)
+        self.radius, self.spacing = table("radius", shapes.radius), table("spacing", shapes.spacing)
         self.points, self.nodes = table("points", touching.points), table("elements", touching.nodes)
         self.owner = table("jello of each element", body.jello[touching.nodes[:, 0]])
         self.bare, self.first_sample, self.blended = touching.bare, touching.skin, touching.bare < self.count
@@ -34,13 +35,13 @@ class SurfaceFields:
                 table("skin weights", touching.weights),
             )
             self.parts = table("shares", touching.share)
-        self.has_rope_pairs = bool((others and touching.rope.sum() > 1) or itself[touching.rope].any())
-        self.has_ropes = self.has_rope_pairs or (others and bool(touching.rope.any()))
+        self.has_rope_pairs = bool((others and ropes.sum() > 1) or itself[ropes].any())
+        self.has_ropes = self.has_rope_pairs or (others and bool(ropes.any()))
         if self.has_ropes:
-            self.is_rope = table("ropes", touching.rope.astype(np.int32))
+            self.is_rope = table("ropes", ropes.astype(np.int32))
         if self.with_self:
             self.alone, self.rest = table("meets itself", itself.astype(np.int32)), table("rest", body.rest)
-            self.self_gap = table("own neighbourhood", SELF_CONTACT_GAP * touching.spacing)
+            self.self_gap = table("own neighbourhood", SELF_CONTACT_GAP * shapes.spacing)
 
     @ti.func
     def jello_of(self, q):
