@@ -8,7 +8,7 @@ import taichi as ti
 from touching_pairs import touch
 
 from taichi_jello import Ball, Box, Contact, Keyframe, Mesh, Plane, Ring, Scene, Sheet, Simulation, Snapshot
-from taichi_jello.physics.forces.soft_contact.fast.approach_speed import PART, Approach
+from taichi_jello.physics.forces.soft_contact.fast.approach_speed import APPROACH, Approach
 from taichi_jello.physics.forces.soft_contact.fast.inelastic_brake import RESTITUTION
 from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import Touching
 from taichi_jello.physics.forces.soft_contact.surface.shapes import THICKNESS
@@ -56,8 +56,8 @@ def test_stiff_and_thin_ones_do_not_pass_at_twenty_metres_a_second(small):
         parts.append(small.system.parts)
         still, moving = middles(small)
         assert moving[0] < still[0] - 0.06
-    # 0.33 m a frame in parts of at most PART of 0.08 m, while they may meet; 1 when they are apart again.
-    assert max(parts) == np.ceil(20.0 / 60.0 / (PART * 0.08)) and parts[0] == parts[-1] == 1
+    # 0.33 m a frame in parts of at most APPROACH of 0.08 m, while they may meet; 1 when they are apart again.
+    assert max(parts) == np.ceil(20.0 / 60.0 / (APPROACH * 0.08)) and parts[0] == parts[-1] == 1
     assert small.body.mass @ small.v == pytest.approx(momentum, abs=1e-6 * 20.0)
     still, moving = (small.v[small.body.jello == j, 0].mean() for j in (0, 1))
     assert moving < still - 1.0  # apart again
@@ -101,7 +101,7 @@ def test_parts_are_as_many_as_the_way_asks_for():
     def parts(speed, place=0.0, dt=0.01):
         return approach.parts(body.x + second * [place, 0.0, 0.0], second * [-speed, 0.0, 0.0], 0.02, dt)
 
-    assert parts(40.0) == 1 and parts(60.0) == np.ceil(0.6 / (PART * 0.5)) and parts(60.0, dt=0.005) == 5
+    assert parts(40.0) == 1 and parts(60.0) == np.ceil(0.6 / (APPROACH * 0.5)) and parts(60.0, dt=0.005) == 5
     assert parts(-60.0, place=-2.0) == 10  # within each other: they may strike inside
     assert parts(-60.0) == 1 and parts(3.0, place=-1.0) == 1  # away from each other; slowly
     alone = Approach(assembled(Scene(jello=[Box(points=(2, 2, 2))])), np.ones(1))

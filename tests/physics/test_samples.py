@@ -8,7 +8,7 @@ from touching_pairs import touch
 
 from taichi_jello import Box, Pin, Rope, Scene, Sheet, Simulation
 from taichi_jello.physics.forces.collider_contact.skin_penalty import steepest
-from taichi_jello.physics.forces.soft_contact.surface.edge_samples import MOST, edges, samples
+from taichi_jello.physics.forces.soft_contact.surface.edge_samples import MAX_PARTS, edges, samples
 from taichi_jello.physics.forces.soft_contact.surface.exits import ways_out
 from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import Touching
 from taichi_jello.run.assembly import assembled
@@ -56,7 +56,7 @@ def test_only_what_is_long_has_them_and_not_too_many():
     body = assembled(Scene(jello=[Box(points=(2, 2, 2), size=(1.0, 1.0, 0.001))]))
     faces = ways_out(body.rest, body.cells)[0]
     corners, _, share = samples(body.rest, edges(faces), np.full(12, 0.001))
-    assert share.min() == 1.0 / MOST and len(corners) == 8 * (MOST - 1)
+    assert share.min() == 1.0 / MAX_PARTS and len(corners) == 8 * (MAX_PARTS - 1)
     loose = Touching.of(body, np.ones(1, bool))
     assert loose.skin == len(loose.points)
 

@@ -22,7 +22,7 @@ from taichi_jello import (
     scenefiles,
 )
 from taichi_jello.physics.forces.soft_contact.search import verlet_margin
-from taichi_jello.physics.forces.soft_contact.search.neighbour_list import EXTRA_ROWS, ROW
+from taichi_jello.physics.forces.soft_contact.search.neighbour_list import FULL
 from taichi_jello.physics.forces.soft_contact.surface.exits import inner_neighbours, ways_out
 from taichi_jello.run.explain import facts
 from taichi_jello.scene.body import join
@@ -106,10 +106,7 @@ def test_the_list_holds_every_point_near_an_element(crash):
     for q, i in enumerate(near.surface.touching.points):
         reach = 0.999 * (margin[i] + margin[near.surface.touching.nodes].min(1))
         inside = np.linalg.norm(within - x[i], axis=2).min(1) < reach
-        listed, place = [], q * ROW
-        for _ in range(number[q]):
-            listed.append(found[place])
-            place = found[place + 1] if place % ROW == ROW - 2 else place + 1
+        listed = found[q * near.slots :][: number[q]].tolist()
         assert len(set(listed)) == number[q]
         listed = [e for n in listed for e in order[first[n] : last[n]]]
         some += np.count_nonzero(inside & (owner != jello[i]))
@@ -129,7 +126,7 @@ def test_lists_have_room_however_far_jellos_fly_in_a_frame():
     simulation.restore(Snapshot(0.0, np.concatenate([low - 0.2 * way, high]), first * 20.0 * way))
     for _ in range(4):
         simulation.step(6)
-        assert near.count + near.state[EXTRA_ROWS] <= near.rows
+        assert not near.state[FULL]
         assert near.margins.clock[1] >= simulation.dt / simulation.system.parts
 
 

@@ -101,13 +101,10 @@ class Touch(MutualForce):
     def steepest(self, each: np.ndarray) -> float:
         """How stiff springs (J,) [N/m] at all points of each jello can be, over mass [1/s²]; see steepest."""
         body, touching = self.particles.body, self.surface.touching
-        particles = touching.points[: touching.bare]
-        bare, others = float((each[body.jello] / body.mass)[particles].max(initial=0.0)), 0.0
-        if len(touching.corners):
-            share = touching.share[touching.bare :] * each[body.jello[touching.corners[:, 0]]]
-            others = steepest(body.mass, touching.corners, touching.weights, share)
-        both = body.embedded[particles].any() or touching.skin < len(touching.points)
-        return bare + others if both else max(bare, others)
+        alone = np.repeat(touching.points[: touching.bare, None], 8, 1), np.eye(1, 8).repeat(touching.bare, 0)
+        corners = np.concatenate([alone[0], touching.corners])
+        weights = np.concatenate([alone[1], touching.weights])
+        return steepest(body.mass, corners, weights, touching.share * each[body.jello[corners[:, 0]]])
 
     def rates(self) -> Rates:
         """Row i of M⁻¹K sums to at most 2/m k Σ|g|, g its weight in each contact, and Σ|g| counts for no more than

@@ -62,9 +62,9 @@ class SolidContacts:
     @ti.func
     def find(self, q):
         """The contacts of point q with solids, each by the first cell that holds the point and has a way out."""
-        p, place, last = self.place[q], self.near.first_place(q), -1
-        for _ in range(self.near.listed[q]):
-            leaf, place = self.near.next(place)
+        p, last = self.place[q], -1
+        for number in range(self.near.listed[q]):
+            leaf = self.near.leaf(q, number)
             if self.block[leaf] >= 0:
                 holding, k = which_meet(self.boxes, self.block[leaf], p, p), self.near.tree_first[leaf]
                 while holding != 0:

@@ -55,13 +55,12 @@ class ThinContacts:
         after those that it has with solids."""
         surface = ti.static(self.surface)
         own, p, best, jello = surface.jello_of(q), self.place[q], ti.cast(FAR, float), -1
-        place, end = self.near.first_place(q), self.near.listed[q]
+        end = self.near.listed[q]
         corners, weights = ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
         for k in range(ti.select(self._is_rope_sample(q), 0, end + 1)):  # one more than listed, to end the last jello
             e, other = 0, -1
             if k < end:
-                n, place = self.near.next(place)
-                e = self.near.tree_order[self.near.tree_first[n]]
+                e = self.near.tree_order[self.near.tree_first[self.near.leaf(q, k)]]
                 other = surface.owner[e]
             if other != jello:
                 if best < FAR and self.contacts.count[q] < MAX_CONTACTS_PER_POINT:

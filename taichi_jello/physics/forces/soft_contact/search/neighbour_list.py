@@ -18,20 +18,19 @@ from taichi_jello.physics.forces.soft_contact.surface.surface_fields import Surf
 from taichi_jello.physics.state import Memory
 from taichi_jello.scene.body import Body
 
-SLOTS_PER_POINT = 40  # room in the lists
-ROW = 8  # slots in a row of a list: leaves, and in the last one where the next row begins
+SLOTS_PER_POINT = 40  # leaves that a list has room for
 ROUNDS = 7  # of a search
 ONE_STEP = 1.001  # steps that lists last at least
 NARROWEST = 0.01  # part of the usual margins
-STALE, EXTRA_ROWS, BUSY = range(3)  # places in NeighbourList.state
+STALE, FULL, BUSY = range(3)  # places in NeighbourList.state
 
 
 @ti.data_oriented
 class NeighbourList:
-    """Point q has listed[q] leaves near it, read one after another by `next` from first_place(q) on, jello by jello:
-    blocks of cells, single triangles or segments, the elements tree_order[tree_first[n]] … tree_order[tree_last[n] -
-    1]. A point for which the lists have no room has all leaves. Points that have any: busy[0] … busy[state[BUSY] - 1].
-    state[STALE]: whether the lists must be made again before the next step."""
+    """Point q has listed[q] leaves near it, leaf(q, 0) and so on, jello by jello. Leaf n is a block of cells, or one
+    triangle or segment: the elements tree_order[tree_first[n]] … tree_order[tree_last[n] - 1]. A point whose list is
+    full has all leaves. Points that have any: busy[0] … busy[state[BUSY] - 1]. state[STALE]: whether the lists must be
+    made again before the next step; state[FULL]: whether a list is full."""
 
     def __init__(self, title: str, body: Body, memory: Memory, surface: SurfaceFields, frame_dt: float):
         def table(name: str, values: np.ndarray) -> ti.Field:
@@ -59,13 +58,11 @@ class NeighbourList:
             zeros("leaves near points", self.boxes_of_nodes),
             zeros("meets any", self.jellos),
         )
-        self.met = zeros("jellos that each meets", self.jellos * self.jellos)
-        self.state = zeros("stale, rows, busy points", 3)
+        self.meets = zeros("jellos that meet", self.jellos * self.jellos)
+        self.state = zeros("stale, full, busy points", 3)
         self.listed, self.busy = zeros("how many found", self.count), zeros("busy points", self.count)
-        self.has_room = zeros("with a list", self.count)
-        slots = (2 if surface.has_rope_pairs else 1) * SLOTS_PER_POINT  # a bundle of ropes has many segments near
-        self.rows = slots * self.count // ROW
-        self.found = zeros("found", self.rows * ROW)
+        self.slots = (2 if surface.has_rope_pairs else 1) * SLOTS_PER_POINT  # a bundle of ropes has many segments near
+        self.found = zeros("found", self.slots * self.count)
         self.fresh, self.made_at, self.frame_start = False, 0.0, 0.0
 
     def begin_frame(self, start: float) -> None:
@@ -78,7 +75,7 @@ class NeighbourList:
         """Make the lists anew for the particles as they are at t [s] of the frame, for steps of dt [s]. Where there is
         no room, with narrower margins and for a shorter time, in which less flies by."""
         scale, lasts = 1.0, max(self.frame_dt, 3.0 * dt)
-        while self._search(system, system.members, t, dt, lasts, scale) > self.rows and scale >= NARROWEST:
+        while self._search(system, system.members, t, dt, lasts, scale) and scale >= NARROWEST:
             scale *= 0.5
             lasts = max(0.5 * lasts, ONE_STEP * dt)
         self.fresh, self.made_at = True, self.frame_start + t
@@ -89,8 +86,8 @@ class NeighbourList:
 
     @ti.kernel
     def _search(self, system: ti.template(), members: int, t: float, dt: float, lasts: float, scale: float) -> int:
-        """By so many members of a team. Returns how many rows the lists need, which may be more than there are. They
-        last for `lasts` [s] or longer; margins are `scale` times the usual ones."""
+        """By so many members of a team. The lists last for `lasts` [s] or longer; margins are `scale` times the usual
+        ones. Returns whether a list is full."""
         if ti.static(system.team == 0):
             for r in ti.static(range(ROUNDS)):
                 self._round(r, system, 0, system.count, t, dt, lasts, scale)
@@ -102,7 +99,7 @@ class NeighbourList:
                 for r in ti.static(range(ROUNDS)):
                     system.wait_for_team()
                     self._round(r, system, first, last, t, dt, lasts, scale)
-        return self.count + self.state[EXTRA_ROWS]
+        return self.state[FULL]
 
     @ti.func
     def _round(self, r: ti.template(), system, first, last, t, dt, lasts, scale):
@@ -116,7 +113,7 @@ class NeighbourList:
         elif ti.static(r == 1):
             for _ in range(once):
                 self.margins.set_clock(t, lasts)
-                self.state[STALE], self.state[EXTRA_ROWS], self.state[BUSY] = 0, 0, 0
+                self.state[STALE], self.state[FULL], self.state[BUSY] = 0, 0, 0
         elif ti.static(r == 2):
             for j in range(system.share_of(first, self.jellos), system.share_of(last, self.jellos)):
                 self.margins.widen(j, x, v, dt, scale)
@@ -173,20 +170,18 @@ class NeighbourList:
 
     @ti.func
     def _meet(self, a):
-        """The jellos that jello a may meet, in ascending order; -1 after the last one."""
-        hull = self.margins.hull
-        met, low, high = 0, hull[a][:3], hull[a][3:]
+        """Find which jellos jello a may meet."""
+        hull, any_meets = ti.static(self.margins.hull), 0
         for b in range(self.jellos):
             meets = a != b and self.surface.others
             if ti.static(self.surface.with_self):
                 meets = meets or (a == b and self.surface.alone[a] == 1)
             way = self.margins.travel(a, b)
-            if meets and meet(hull[b], low + ti.min(way, 0.0), high + ti.max(way, 0.0)):
-                self.met[a * self.jellos + met] = b
-                met += 1
-        self.meets_any[a] = met > 0
-        if met < self.jellos:
-            self.met[a * self.jellos + met] = -1
+            if meets:
+                meets = meet(hull[b], hull[a][:3] + ti.min(way, 0.0), hull[a][3:] + ti.max(way, 0.0))
+            self.meets[a * self.jellos + b] = meets
+            any_meets |= meets
+        self.meets_any[a] = any_meets
 
     @ti.func
     def _reach(self, q, x):
@@ -211,14 +206,12 @@ class NeighbourList:
     def _list(self, q, x):
         """List what is near point q."""
         a, p, reach = self.surface.jello_of(q), self.surface.at(q, x), self._reach(q, x)
-        listed, place, k = 0, 0, 0
-        while k < self.jellos and self.met[a * self.jellos + k] >= 0:
-            b = self.met[a * self.jellos + k]
-            k += 1
-            way = self.margins.travel(a, b)
-            n = self.tree_start[b + 1]
-            if meet(self.margins.hull[b], p + ti.min(way, 0.0) - reach, p + ti.max(way, 0.0) + reach):
-                n = self.tree_start[b]
+        listed = 0
+        for b in range(self.jellos):
+            way, n = self.margins.travel(a, b), self.tree_start[b + 1]
+            if self.meets[a * self.jellos + b]:  # noqa: SIM102 - Taichi would evaluate both
+                if meet(self.margins.hull[b], p + ti.min(way, 0.0) - reach, p + ti.max(way, 0.0) + reach):
+                    n = self.tree_start[b]
             here = self.margins.along(b, p - self.margins.centre[b])
             there = here + self.margins.along(b, way)
             low, high = ti.min(here, there) - reach, ti.max(here, there) + reach
@@ -227,8 +220,11 @@ class NeighbourList:
                 if block >= 0:
                     near, leaf = which_meet(self.leaf_box, block, low, high), self.tree_leaf[block]
                     while near != 0:
-                        if near & 1 and place >= 0 and self._may_touch(q, leaf, a == b):
-                            place = self._append(q, listed, place, leaf)
+                        if near & 1 and self._may_touch(q, leaf, a == b):
+                            if listed < self.slots:
+                                self.found[q * self.slots + listed] = leaf
+                            if not self.is_found[leaf]:  # a store by one thread makes the others wait
+                                self.is_found[leaf] = 1
                             listed += 1
                         near >>= 1
                         leaf += 1
@@ -237,10 +233,12 @@ class NeighbourList:
                     n += 1
                 else:
                     n = self.tree_skip[n]
-        self.listed[q] = ti.select(place < 0, self.all_leaves, listed)
-        self.has_room[q] = ti.select(place < 0, 0, 1)
-        for leaf in range(ti.select(place < 0, self.all_leaves, 0)):
-            self.is_found[self.leaves[leaf]] = 1
+        if listed > self.slots:
+            self.state[FULL] = 1
+            listed = self.all_leaves
+            for leaf in range(self.all_leaves):
+                self.is_found[self.leaves[leaf]] = 1
+        self.listed[q] = listed
 
     @ti.func
     def _may_touch(self, q, n, own):
@@ -254,40 +252,12 @@ class NeighbourList:
         return any_may
 
     @ti.func
-    def _append(self, q, listed, place, n):
-        """Add leaf n to the list of point q, which has `listed` until now; returns the place after it, less than 0
-        if there is no room."""
-        to = place
-        if listed == 0:
-            to = q * ROW
-        elif listed % (ROW - 1) == 0:
-            row, to = self.count + ti.atomic_add(self.state[EXTRA_ROWS], 1), -1
-            if row < self.rows:
-                to = row * ROW
-                self.found[place] = to
-        if to >= 0:
-            self.found[to] = n
-            if not self.is_found[n]:  # a store by one thread makes the others wait
-                self.is_found[n] = 1
-            to += 1
-        return to
-
-    @ti.func
-    def first_place(self, q):
-        """Where the list of point q begins."""
-        return ti.select(self.has_room[q] == 1, q * ROW, -1)
-
-    @ti.func
-    def next(self, place):
-        """The leaf at a place of a list, and the next place; places less than 0 are in the list of all leaves."""
-        n, after = 0, place - 1
-        if place < 0:
-            n = self.leaves[-place - 1]
-        else:
-            n, after = self.found[place], place + 1
-            if after % ROW == ROW - 1:
-                after = self.found[after]
-        return n, after
+    def leaf(self, q, k):
+        """Number k of the leaves near point q."""
+        leaf = self.found[q * self.slots + ti.min(k, self.slots - 1)]
+        if self.listed[q] > self.slots:
+            leaf = self.leaves[k]
+        return leaf
 
     @ti.func
     def watch(self, first, last, x, v, t, dt):

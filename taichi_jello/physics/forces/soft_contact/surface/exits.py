@@ -31,8 +31,9 @@ def skin_exits(body: Body, owner: np.ndarray, exits: np.ndarray, way: np.ndarray
     """For each cell the groups (C, 6) of skin triangles by which it is left and the way (C, 6) to them; and these
     groups: where each starts, and their triangles. The skin is left by its triangles in a cell and in those beside it;
     a cell that it does not pass through, as the cells are in which its straight ways out end; see ways_out."""
-    number = {corners.tobytes(): c for c, corners in enumerate(body.cells.astype(np.int32))}
-    held = np.array([number[corners.tobytes()] for corners in body.skin_corners.astype(np.int32)])
+    cell_of = np.full(len(body), -1)
+    cell_of[body.cells[:, 0]] = np.arange(len(body.cells))  # a cell is the only one with its first corner
+    held = cell_of[body.skin_corners[:, 0]]
     members: list[set[int]] = [set() for _ in body.cells]
     for triangle, corners in enumerate(held[body.skin].tolist()):
         for cell in corners:

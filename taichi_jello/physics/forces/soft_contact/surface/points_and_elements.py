@@ -17,8 +17,8 @@ HALVES = np.array([[0, 1, 3], [0, 2, 3]])  # the triangles of a face, by the cor
 
 @dataclass(frozen=True)
 class Touching:
-    """Q points, each a particle of a surface, and E elements: the cells of solids, the triangles of sheets, the segments
-    of ropes.
+    """Q points, each a particle of a surface, and E elements: the cells of solids, the triangles of sheets, the
+    segments of ropes.
 
     The first `bare` points are particles of surfaces, the others places Σ weight · x[corner]: up to `skin` points of
     embedded skins, then samples between particles. points (Q,): the particle, or the corner with the greatest weight;
@@ -117,7 +117,7 @@ def _elements(body: Body, shapes: Shapes, segments: np.ndarray) -> np.ndarray:
 def _samples(
     body: Body, shapes: Shapes, faces: np.ndarray, segments: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """See `samples`: on the edges of the open faces (F, 4) of solids, and on the segments (S, 2) of ropes, which may lie
+    """See `samples`: on the edges of the faces (F, 4) of solids, and on the segments (S, 2) of ropes, which may lie
     across any solid."""
     holder, through = body.jello[body.cells[:, 0]], np.full(len(shapes.solid), np.inf)
     for j in np.flatnonzero(shapes.solid):

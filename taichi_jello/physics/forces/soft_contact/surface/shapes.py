@@ -15,11 +15,11 @@ PAIRS = 200  # of cells, joined to find out whether a body is convex
 
 @dataclass(frozen=True)
 class Shapes:
-    """(J,) bool: solid, sheet, rope, convex; loose, whether it may melt or tear (see spring_state.loose); firm, compact
-    and slender, of solids that may not: compact ones are convex and about as thick as long, slender all others.
-    (J,) [m]: radius, of sheets and ropes; spacing between points; thickness, of solids that are not convex that of half
-    of the cells, of thin jellos THIN radii. (C,) [m] thick, core: how thick the undeformed body is around each cell, and
-    how deep its core begins."""
+    """(J,) bool: solid, sheet, rope, convex; loose: may melt or tear (see spring_state.loose); firm: solid and not
+    loose; of the firm ones, compact: convex and about as thick as long, and slender: not.
+    (J,) [m]: radius of sheets and ropes; spacing between points; thickness, of solids that are not convex that of half
+    of the cells, of thin jellos THIN radii. (C,) [m] thick: of the undeformed body around each cell; core: how deep its
+    core begins there."""
 
     solid: np.ndarray
     sheet: np.ndarray
