@@ -80,12 +80,12 @@ class FreeFlight:
         can touch itself."""
         if not self.mutual:
             return np.zeros((len(self.free),) * 2, bool)
-        near = self.mutual[0].near
-        there, keeps, first = x + length * v, near.touching.radius + MARGIN * near.touching.spacing, self.whole.first
+        surface, first = self.mutual[0].surface, self.whole.first
+        there, keeps = x + length * v, surface.touching.shapes.radius + MARGIN * surface.touching.shapes.spacing
         low = np.minimum.reduceat(np.minimum(x, there), first) - keeps[:, None]
         high = np.maximum.reduceat(np.maximum(x, there), first) + keeps[:, None]
         found = meet(low[:, None], high[:, None], low, high)
-        np.fill_diagonal(found, near.itself)
+        np.fill_diagonal(found, surface.itself)
         return found
 
     def presses(self, t: float) -> np.ndarray:

@@ -151,6 +151,7 @@ class MutualForce(ParticleForce):
     """
 
     near: Any
+    surface: Any
     rounds: int
     nearest: float
     fresh: Any

@@ -171,16 +171,16 @@ class NeighbourList:
     @ti.func
     def _meet(self, a):
         """Find which jellos jello a may meet."""
-        hull, any_meets = ti.static(self.margins.hull), 0
+        hull, any_meets = self.margins.hull[a], 0
         for b in range(self.jellos):
             meets = a != b and self.surface.others
             if ti.static(self.surface.with_self):
                 meets = meets or (a == b and self.surface.alone[a] == 1)
             way = self.margins.travel(a, b)
-            if meets:
-                meets = meet(hull[b], hull[a][:3] + ti.min(way, 0.0), hull[a][3:] + ti.max(way, 0.0))
+            meets = meets and meet(self.margins.hull[b], hull[:3] + ti.min(way, 0.0), hull[3:] + ti.max(way, 0.0))
             self.meets[a * self.jellos + b] = meets
-            any_meets |= meets
+            if meets:
+                any_meets = 1
         self.meets_any[a] = any_meets
 
     @ti.func
@@ -208,31 +208,31 @@ class NeighbourList:
         a, p, reach = self.surface.jello_of(q), self.surface.at(q, x), self._reach(q, x)
         listed = 0
         for b in range(self.jellos):
-            way, n = self.margins.travel(a, b), self.tree_start[b + 1]
-            if self.meets[a * self.jellos + b]:  # noqa: SIM102 - Taichi would evaluate both
+            if self.meets[a * self.jellos + b]:
+                way, n = self.margins.travel(a, b), self.tree_start[b + 1]
                 if meet(self.margins.hull[b], p + ti.min(way, 0.0) - reach, p + ti.max(way, 0.0) + reach):
                     n = self.tree_start[b]
-            here = self.margins.along(b, p - self.margins.centre[b])
-            there = here + self.margins.along(b, way)
-            low, high = ti.min(here, there) - reach, ti.max(here, there) + reach
-            while n < self.tree_start[b + 1]:
-                block = self.tree_block[n]
-                if block >= 0:
-                    near, leaf = which_meet(self.leaf_box, block, low, high), self.tree_leaf[block]
-                    while near != 0:
-                        if near & 1 and self._may_touch(q, leaf, a == b):
-                            if listed < self.slots:
-                                self.found[q * self.slots + listed] = leaf
-                            if not self.is_found[leaf]:  # a store by one thread makes the others wait
-                                self.is_found[leaf] = 1
-                            listed += 1
-                        near >>= 1
-                        leaf += 1
-                    n = self.tree_skip[n]
-                elif meet(self.node_box[n], low, high):
-                    n += 1
-                else:
-                    n = self.tree_skip[n]
+                here = self.margins.along(b, p - self.margins.centre[b])
+                there = here + self.margins.along(b, way)
+                low, high = ti.min(here, there) - reach, ti.max(here, there) + reach
+                while n < self.tree_start[b + 1]:
+                    block = self.tree_block[n]
+                    if block >= 0:
+                        near, leaf = which_meet(self.leaf_box, block, low, high), self.tree_leaf[block]
+                        while near != 0:
+                            if near & 1 and self._may_touch(q, leaf, a == b):
+                                if listed < self.slots:
+                                    self.found[q * self.slots + listed] = leaf
+                                if not self.is_found[leaf]:  # a store by one thread makes the others wait
+                                    self.is_found[leaf] = 1
+                                listed += 1
+                            near >>= 1
+                            leaf += 1
+                        n = self.tree_skip[n]
+                    elif meet(self.node_box[n], low, high):
+                        n += 1
+                    else:
+                        n = self.tree_skip[n]
         if listed > self.slots:
             self.state[FULL] = 1
             listed = self.all_leaves

@@ -41,7 +41,7 @@ class Margins:
     def along(self, j, d):
         """The vector d along the axes of jello j."""
         a = self.axes[j]
-        return ti.Vector([a[k] * d[0] + a[k + 1] * d[1] + a[k + 2] * d[2] for k in ti.static((0, 3, 6))])
+        return ti.Vector([a[:3].dot(d), a[3:6].dot(d), a[6:].dot(d)])
 
     @ti.func
     def travel(self, a, b):
