@@ -21,7 +21,7 @@ from taichi_jello import (
     Snapshot,
     scenefiles,
 )
-from taichi_jello.physics.forces.soft_contact.search import verlet_margin
+from taichi_jello.physics.forces.soft_contact.search import neighbour_list
 from taichi_jello.physics.forces.soft_contact.search.neighbour_list import FULL
 from taichi_jello.physics.forces.soft_contact.surface.exits import inner_neighbours, ways_out
 from taichi_jello.run.explain import facts
@@ -80,8 +80,8 @@ def test_the_same_bits_after_a_restore_and_with_other_lists(crash, monkeypatch):
     near = touch(crash).near
     pairs = near.listed.to_numpy().sum()
     for least, most in ((0.05, 0.5), (0.6, 2.0)):
-        monkeypatch.setattr(verlet_margin, "MIN_MARGIN", least)
-        monkeypatch.setattr(verlet_margin, "MAX_MARGIN", most)
+        monkeypatch.setattr(neighbour_list, "MIN_MARGIN", least)
+        monkeypatch.setattr(neighbour_list, "MAX_MARGIN", most)
         crash.restore(middle)
         for _ in range(5):
             crash.frame()

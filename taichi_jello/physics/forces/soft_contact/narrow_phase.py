@@ -38,6 +38,7 @@ class NarrowPhase:
         self.contacts = Contacts(title, memory, surface, law)
         can_brake = surface.others and int(np.sum(~surface.touching.shapes.loose)) > 1
         self.brake: Any = Brake(title, memory, surface) if can_brake else None
+        self.brakes = can_brake
         whole = np.ones(surface.elements, np.int32)
         self.intact = memory.table(title, "elements not parted", whole) if tears else None
         found = self.contacts, near, self.brake, self.intact
@@ -55,36 +56,36 @@ class NarrowPhase:
     def look(self, r: ti.template(), system, first, last, x, v, ahead):
         """Round r of the search for contacts at x + ahead v, which all members of a team finish before the next one
         begins; by the member whose particles are first … last - 1, for its share of everything."""
-        contacts, near, busy = ti.static(self.contacts, self.near, self.near.busy)
+        busy = ti.static(self.near.busy)
         from_, to = system.share_of(first, self.surface.count), system.share_of(last, self.surface.count)
         if ti.static(r == 0):
             for i in range(first, last):
-                contacts.ahead[i] = x[i] + ahead * v[i]
+                self.contacts.ahead[i] = x[i] + ahead * v[i]
             for q in range(from_, to):
-                contacts.clear(q)
+                self.contacts.clear(q)
             for _ in range(ti.select(first == 0, 1, 0)):
-                contacts.listed[0] = 0
-                if ti.static(self.brake is not None):
+                self.contacts.listed[0] = 0
+                if ti.static(self.brakes):
                     self.brake.reset()
         elif ti.static(r == 1):
             for q in range(from_, to):
-                if near.meets_any[self.surface.jello_of(q)]:
-                    contacts.place[q] = self.surface.at(q, contacts.ahead)
-            if ti.static(self.solids is not None):
-                nodes = near.boxes_of_nodes
+                if self.near.meets_any[self.surface.jello_of(q)]:
+                    self.contacts.place[q] = self.surface.at(q, self.contacts.ahead)
+            if ti.static(self.surface.solid > 0):
+                nodes = self.near.boxes_of_nodes
                 for n in range(system.share_of(first, nodes), system.share_of(last, nodes)):
-                    if near.is_found[n] and self.solids.block[n] >= 0:
+                    if self.near.is_found[n] and self.solids.block[n] >= 0:
                         self.solids.fit(n)
         elif ti.static(r == 2):
-            some = near.state[BUSY]
+            some = self.near.state[BUSY]
             for k in range(system.share_of(first, some), system.share_of(last, some)):
-                if ti.static(self.solids is not None):
+                if ti.static(self.surface.solid > 0):
                     self.solids.find(busy[k])
-                if ti.static(self.thin is not None):
+                if ti.static(self.surface.has_thin):
                     self.thin.find(busy[k], v, ahead)
         elif ti.static(r == 3):
-            contacts.list_pressing(busy, near.state[BUSY], from_, to)
+            self.contacts.list_pressing(busy, self.near.state[BUSY], from_, to)
         else:
-            some = near.state[BUSY]
+            some = self.near.state[BUSY]
             for k in range(system.share_of(first, some), system.share_of(last, some)):
-                contacts.share_loads(busy[k])
+                self.contacts.share_loads(busy[k])

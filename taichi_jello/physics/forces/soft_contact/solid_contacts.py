@@ -37,6 +37,7 @@ class SolidContacts:
         intact: ti.Field | None,
     ):
         self.contacts, self.near, self.brake, self.intact = contacts, near, brake, intact
+        self.brakes, self.tears = brake is not None, intact is not None
         self.surface, self.ahead, self.place = contacts.surface, contacts.ahead, contacts.place
         touching, tree = self.surface.touching, near.tree
         solid = tree.is_leaf & (tree.order[tree.first] < touching.solid)
@@ -79,7 +80,7 @@ class SolidContacts:
     def _holds(self, q, e):
         """Whether point q is in cell e and may touch it."""
         may = self.contacts.count[q] < MAX_CONTACTS_PER_POINT and self.surface.may_meet(q, e)
-        if ti.static(self.intact is not None):
+        if ti.static(self.tears):
             may = may and self.intact[e] == 1
         if may:
             may = cell_holds(self.surface.nodes[e], self.ahead, self.place[q])
@@ -88,23 +89,22 @@ class SolidContacts:
     @ti.func
     def _add(self, q, e, last):
         """Add a contact of point q, which is in cell e, if it has a way out. Returns the last jello that has one."""
-        contacts, surface = ti.static(self.contacts, self.surface)
         depth, corners, weights, share = self._way_out(q, e)
         if depth < FAR:
-            own, core = surface.jello_of(q), self.core[e]
-            last = surface.owner[e]
+            own, core = self.surface.jello_of(q), self.core[e]
+            last = self.surface.owner[e]
             a, b, c = self.place[corners[0]], self.place[corners[1]], self.place[corners[2]]
-            out = weights[0] * a + weights[1] * b + weights[2] * c - contacts.own_weight(weights) * self.place[q]
+            out = weights[0] * a + weights[1] * b + weights[2] * c - self.contacts.own_weight(weights) * self.place[q]
             if depth < COINCIDENT:
                 out = (b - a).cross(c - a)
-            n, contact = out / ti.max(out.norm(), 1e-30), q * MAX_CONTACTS_PER_POINT + contacts.count[q]
-            contacts.write(contact, corners, weights, n)
-            contacts.share[contact], contacts.core[contact] = share, core
-            if ti.static(surface.has_thin):
-                contacts.separation[contact] = 0.0
-            contacts.count[q] = contacts.count[q] + 1
-            if ti.static(self.brake is not None):  # noqa: SIM102 - decided when it is compiled
-                if depth > ti.select(surface.radius[own] > 0.0, BETWEEN, 1.0) * core:
+            n, contact = out / ti.max(out.norm(), 1e-30), q * MAX_CONTACTS_PER_POINT + self.contacts.count[q]
+            self.contacts.write(contact, corners, weights, n)
+            self.contacts.share[contact], self.contacts.core[contact] = share, core
+            if ti.static(self.surface.has_thin):
+                self.contacts.separation[contact] = 0.0
+            self.contacts.count[q] = self.contacts.count[q] + 1
+            if ti.static(self.brakes):  # noqa: SIM102 - decided when it is compiled
+                if depth > ti.select(self.surface.radius[own] > 0.0, BETWEEN, 1.0) * core:
                     self.brake.mark(own, last)
                     if ti.static(self.brake.sided):
                         self.brake.add_side(own, last, n)

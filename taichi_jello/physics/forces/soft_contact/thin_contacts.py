@@ -38,6 +38,7 @@ class ThinContacts:
         intact: ti.Field | None,
     ):
         self.contacts, self.near, self.brake, self.intact = contacts, near, brake, intact
+        self.brakes, self.tears = brake is not None, intact is not None
         self.surface, self.place = contacts.surface, contacts.place
         touching, shapes = self.surface.touching, self.surface.touching.shapes
         point_of = np.zeros(len(body), np.int32)
@@ -53,23 +54,22 @@ class ThinContacts:
     def find(self, q, v, ahead):
         """The contacts of point q with thin jellos, each with the nearest of its triangles and segments within reach,
         after those that it has with solids."""
-        surface = ti.static(self.surface)
-        own, p, best, jello = surface.jello_of(q), self.place[q], ti.cast(FAR, float), -1
+        own, p, best, jello = self.surface.jello_of(q), self.place[q], ti.cast(FAR, float), -1
         end = self.near.listed[q]
         corners, weights = ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
         for k in range(ti.select(self._is_rope_sample(q), 0, end + 1)):  # one more than listed, to end the last jello
             e, other = 0, -1
             if k < end:
                 e = self.near.tree_order[self.near.tree_first[self.near.leaf(q, k)]]
-                other = surface.owner[e]
+                other = self.surface.owner[e]
             if other != jello:
                 if best < FAR and self.contacts.count[q] < MAX_CONTACTS_PER_POINT:
                     self._add(q, corners, weights, best, v, ahead)
                 jello, best = other, FAR
-            if k < end and e >= surface.solid and self._may_touch(q, e):
-                triangle = self.triangles[e - surface.solid]
-                if surface.are_ropes(own, other):
-                    if ti.static(surface.has_rope_pairs):
+            if k < end and e >= self.surface.solid and self._may_touch(q, e):
+                triangle = self.triangles[e - self.surface.solid]
+                if self.surface.are_ropes(own, other):
+                    if ti.static(self.surface.has_rope_pairs):
                         best, corners, weights = self._nearer_half(q, triangle, best, corners, weights)
                 else:
                     best, corners, weights = nearer(self.place, p, triangle, best, corners, weights)
@@ -87,7 +87,7 @@ class ThinContacts:
         """Not what is torn; and a rope and a solid touch by the rope's points alone, as the solid's points are on
         either side of it, unless the solid may melt or tear, and have no cells left."""
         may = self.surface.may_meet(q, e)
-        if ti.static(self.intact is not None):
+        if ti.static(self.tears):
             may = may and self.intact[e] == 1
         if ti.static(self.has_ropes_on_solids):
             own = self.surface.jello_of(q)
@@ -113,27 +113,26 @@ class ThinContacts:
     @ti.func
     def _add(self, q, corners, weights, distance, v, ahead):
         """Add a contact of point q with a place at `distance` [m], if the two may touch within the step."""
-        contacts, surface = ti.static(self.contacts, self.surface)
-        own, other = surface.jello_of(q), surface.jello_of(corners[0])
-        separation, ropes = surface.radius[own] + surface.radius[other], surface.are_ropes(own, other)
+        own, other = self.surface.jello_of(q), self.surface.jello_of(corners[0])
+        separation, ropes = self.surface.radius[own] + self.surface.radius[other], self.surface.are_ropes(own, other)
         n = self._normal(q, corners, weights, distance, ti.select(ropes, COPLANAR * separation, COINCIDENT))
-        outwards = contacts.difference(q, corners, weights, v).dot(n)
-        contact, core = q * MAX_CONTACTS_PER_POINT + contacts.count[q], 2.0 * CORE * separation
-        contacts.core[contact], contacts.share[contact] = core, ti.select(ropes, ROPE_PAIR_SHARE, 1.0)
-        contacts.separation[contact] = separation
-        if ti.static(self.brake is not None):
+        outwards = self.contacts.difference(q, corners, weights, v).dot(n)
+        contact, core = q * MAX_CONTACTS_PER_POINT + self.contacts.count[q], 2.0 * CORE * separation
+        self.contacts.core[contact], self.contacts.share[contact] = core, ti.select(ropes, ROPE_PAIR_SHARE, 1.0)
+        self.contacts.separation[contact] = separation
+        if ti.static(self.brakes):
             limit = BRAKED_AT * core
             if ti.static(self.has_thin_pairs):  # noqa: SIM102 - decided when it is compiled
                 if self._is_too_fast(own, other, -outwards):
                     limit = 0.0
             if separation - distance > limit:
                 self.brake.mark(own, other)
-                if ti.static(surface.has_rope_pairs):  # noqa: SIM102
+                if ti.static(self.surface.has_rope_pairs):  # noqa: SIM102
                     if ropes:
                         self.brake.add_side(own, other, n)
         if distance < separation + ahead * ti.abs(outwards):
-            contacts.write(contact, corners, weights, n)
-            contacts.count[q] = contacts.count[q] + 1
+            self.contacts.write(contact, corners, weights, n)
+            self.contacts.count[q] = self.contacts.count[q] + 1
 
     @ti.func
     def _normal(self, q, corners, weights, distance, reliable):

@@ -21,7 +21,8 @@ from taichi_jello.scene.body import Body
 SLOTS_PER_POINT = 40  # leaves that a list has room for
 ROUNDS = 7  # of a search
 ONE_STEP = 1.001  # steps that lists last at least
-NARROWEST = 0.01  # part of the usual margins
+MIN_MARGIN, MAX_MARGIN = 0.4, 0.6  # usual margins, in point spacings
+NARROWEST = 0.01  # part of these
 STALE, FULL, BUSY = range(3)  # places in NeighbourList.state
 
 
@@ -75,7 +76,10 @@ class NeighbourList:
         """Make the lists anew for the particles as they are at t [s] of the frame, for steps of dt [s]. Where there is
         no room, with narrower margins and for a shorter time, in which less flies by."""
         scale, lasts = 1.0, max(self.frame_dt, 3.0 * dt)
-        while self._search(system, system.members, t, dt, lasts, scale) and scale >= NARROWEST:
+        while (
+            self._search(system, system.members, t, dt, lasts, scale * MIN_MARGIN, scale * MAX_MARGIN)
+            and scale >= NARROWEST
+        ):
             scale *= 0.5
             lasts = max(0.5 * lasts, ONE_STEP * dt)
         self.fresh, self.made_at = True, self.frame_start + t
@@ -85,12 +89,14 @@ class NeighbourList:
         self.margins.clock[0] = made
 
     @ti.kernel
-    def _search(self, system: ti.template(), members: int, t: float, dt: float, lasts: float, scale: float) -> int:
-        """By so many members of a team. The lists last for `lasts` [s] or longer; margins are `scale` times the usual
-        ones. Returns whether a list is full."""
+    def _search(
+        self, system: ti.template(), members: int, t: float, dt: float, lasts: float, least: float, most: float
+    ) -> int:
+        """By so many members of a team. The lists last for `lasts` [s] or longer; usual margins are between `least` and
+        `most` point spacings. Returns whether a list is full."""
         if ti.static(system.team == 0):
             for r in ti.static(range(ROUNDS)):
-                self._round(r, system, 0, system.count, t, dt, lasts, scale)
+                self._round(r, system, 0, system.count, t, dt, lasts, least, most)
         else:
             system.gather(members)
             ti.loop_config(serialize=system.team == 1, block_dim=1)
@@ -98,11 +104,11 @@ class NeighbourList:
                 first, last = system.part_of(member)
                 for r in ti.static(range(ROUNDS)):
                     system.wait_for_team()
-                    self._round(r, system, first, last, t, dt, lasts, scale)
+                    self._round(r, system, first, last, t, dt, lasts, least, most)
         return self.state[FULL]
 
     @ti.func
-    def _round(self, r: ti.template(), system, first, last, t, dt, lasts, scale):
+    def _round(self, r: ti.template(), system, first, last, t, dt, lasts, least, most):
         """Round r of the search, which all members finish before the next one begins; by the member whose particles
         are first … last - 1, for its share of everything."""
         x, v = ti.static(system.state.x, system.state.v)
@@ -116,7 +122,7 @@ class NeighbourList:
                 self.state[STALE], self.state[FULL], self.state[BUSY] = 0, 0, 0
         elif ti.static(r == 2):
             for j in range(system.share_of(first, self.jellos), system.share_of(last, self.jellos)):
-                self.margins.widen(j, x, v, dt, scale)
+                self.margins.widen(j, x, v, dt, least, most)
         elif ti.static(r == 3):
             for place in range(system.share_of(first, self.elements), system.share_of(last, self.elements)):
                 self.element_box[place] = self._box(self.tree_order[place])
@@ -186,21 +192,21 @@ class NeighbourList:
     @ti.func
     def _reach(self, q, x):
         """How far from its way point q, with half of the rope segments beside it, may touch while the lists last."""
-        surface, margin = ti.static(self.surface, self.margins.margin)
-        reach = margin[surface.points[q]]
-        if ti.static(surface.blended):  # noqa: SIM102 - decided when it is compiled
-            if q >= surface.bare:
+        margin = ti.static(self.margins.margin)
+        reach = margin[self.surface.points[q]]
+        if ti.static(self.surface.blended):  # noqa: SIM102 - decided when it is compiled
+            if q >= self.surface.bare:
                 for k in range(8):
-                    reach = ti.max(reach, margin[surface.corners[q - surface.bare][k]])
-        if ti.static(surface.has_rope_pairs):  # noqa: SIM102
-            if surface.is_rope[surface.jello_of(q)]:
+                    reach = ti.max(reach, margin[self.surface.corners[q - self.surface.bare][k]])
+        if ti.static(self.surface.has_rope_pairs):  # noqa: SIM102
+            if self.surface.is_rope[self.surface.jello_of(q)]:
                 half = ti.cast(0.0, float)
                 for k in ti.static(range(2)):
-                    r = surface.beside(q, k)
-                    reach = ti.max(reach, margin[surface.points[r]])
-                    half = ti.max(half, 0.5 * (surface.at(r, x) - surface.at(q, x)).norm())
+                    r = self.surface.beside(q, k)
+                    reach = ti.max(reach, margin[self.surface.points[r]])
+                    half = ti.max(half, 0.5 * (self.surface.at(r, x) - self.surface.at(q, x)).norm())
                 reach += half
-        return reach + surface.radius[surface.jello_of(q)]
+        return reach + self.surface.radius[self.surface.jello_of(q)]
 
     @ti.func
     def _list(self, q, x):

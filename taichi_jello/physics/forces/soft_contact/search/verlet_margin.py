@@ -14,7 +14,6 @@ from taichi_jello.scene.body import Body
 USED = 0.8  # part of a margin after which the lists are made again; the rest covers the step that follows
 PASSING = 0.5  # point spacings that jellos may pass each other by before the lists are made again
 LONGEST = 60.0  # frames that lists last at most
-MIN_MARGIN, MAX_MARGIN = 0.4, 0.6  # usual margins, in point spacings
 
 
 @ti.data_oriented
@@ -81,10 +80,10 @@ class Margins:
         )
 
     @ti.func
-    def widen(self, j, x, v, dt, scale):
-        """The margins of all particles of jello j, usual ones times `scale`, and its hull."""
+    def widen(self, j, x, v, dt, least, most):
+        """The margins of all particles of jello j, usually between `least` and `most` point spacings, and its hull."""
         spacing, radius, stir = self.surface.spacing[j], self.surface.radius[j], self.stir[j]
-        wide = ti.math.clamp(1.5 * self.frame_dt * stir, scale * MIN_MARGIN * spacing, scale * MAX_MARGIN * spacing)
+        wide = ti.math.clamp(1.5 * self.frame_dt * stir, least * spacing, most * spacing)
         first, last = self.surface.first[j], self.surface.first[j + 1]
         low, high = x[first], x[first]
         for i in range(first, last):
