@@ -2,7 +2,9 @@
 
 A point leaves by the nearest of the triangles by which its cell is left through the undeformed body (the idea of
 McAdams et al. 2011, "Efficient elasticity for character skinning", 5), so that a point deep inside leaves by the
-nearest face however the body is crushed.
+nearest face however the body is crushed. By that alone, two jellos that overlap by half hold each other: half of the
+points leave on either side. So where both are compact, and the nearest face leads against the way from the middle of
+one to that of the other, this way decides.
 """
 
 import numpy as np
@@ -20,6 +22,8 @@ from taichi_jello.physics.state import Memory
 COINCIDENT = 1e-9  # m, a distance that has no direction to rely on
 SAME_SIDE = 0.5  # the cosine above which a face is on the same side as the point that would leave by it
 OVER_AN_EDGE = 1 / 3  # of the way to the face to leave by: a point this near to a face on its own side leaves by that
+LEAST_COSINE = 0.05  # between a direction and the way from middle to middle that it leads along, or against
+LEAST_SHARE = 0.002  # of a contact of two compact jellos: else those with coplanar sides would stay in each other
 BETWEEN = 0.5  # of a core's depth, at which a thin jello is in it: it may be deeper between its points
 
 
@@ -48,6 +52,10 @@ class SolidContacts:
         self.triangles = memory.table(title, "exit triangles", touching.triangles)
         self.inner = memory.table(title, "inner neighbours", touching.inner)
         self.core = memory.table(title, "cores", touching.shapes.core)
+        self.some_compact = bool(np.count_nonzero(touching.shapes.compact) > 1)
+        if self.some_compact:
+            self.compact = memory.table(title, "compact", touching.shapes.compact.astype(np.int32))
+            self.middle = memory.table(title, "middles", touching.shapes.middle)
 
     @ti.func
     def fit(self, leaf):
@@ -132,23 +140,62 @@ class SolidContacts:
                     shortest, first = way[2 * k + up], 2 * k + up
         spacing, nearest = self.surface.spacing[self.surface.owner[e]], ti.cast(FAR, float)
         best, corners, weights = ti.cast(FAR, float), ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
-        for attempt in range(3):  # the opposite sides, then over an edge, then any side, for the share
+        for attempt in range(
+            4
+        ):  # the opposite sides, over an edge, from middle to middle; then any side, for the share
             sides, longest, limit = 63, ti.cast(0.5 * FAR, float), nearest
             if attempt == 0:
                 sides, longest = ti.select(shortest < FAR, 63 ^ same, 0), shortest + spacing
             elif attempt == 1:
                 sides, longest, limit = ti.select(best < spacing, same, 0), spacing, OVER_AN_EDGE * best
-            found, its_corners, its_weights = self._nearest_exit(e, p, sides, first, longest, limit)
-            if found < limit:
-                nearest = ti.min(nearest, found)
-                if attempt < 2:
-                    best, corners, weights = found, its_corners, its_weights
-        share = ti.math.clamp((nearest / ti.max(best, TINY)) ** 2, 0.0, 1.0)
+            elif attempt == 2:
+                sides, limit = self._side_between_middles(q, e, corners, weights, best), FAR
+            if sides != 0:
+                found, its_corners, its_weights = self._nearest_exit(e, p, sides, first, longest, limit)
+                if found < limit:
+                    nearest = ti.min(nearest, found)
+                    if attempt < 3:
+                        best, corners, weights = found, its_corners, its_weights
+        least = ti.select(self._are_compact(q, e), LEAST_SHARE, 0.0)
+        share = ti.math.clamp((nearest / ti.max(best, TINY)) ** 2, least, 1.0)
         if ti.static(self.surface.blended):  # noqa: SIM102 - decided when it is compiled
             if way[0] == 0.0:  # the skin passes through the cell, and the point may be outside
                 a, b, c = self.place[corners[0]], self.place[corners[1]], self.place[corners[2]]
                 best = ti.select((b - a).cross(c - a).dot(p - a) > 0.0, FAR, best)
         return best, corners, weights, share
+
+    @ti.func
+    def _are_compact(self, q, e):
+        """Whether the jello of point q and that of cell e are two compact ones."""
+        both = False
+        if ti.static(self.some_compact):
+            own, other = self.surface.jello_of(q), self.surface.owner[e]
+            both = own != other and self.compact[own] == 1 and self.compact[other] == 1
+        return both
+
+    @ti.func
+    def _side_between_middles(self, q, e, corners, weights, best):
+        """The side of cell e, as a bit, by which the way from the middle of its jello to that of point q's leaves first, if
+        both are compact and the way out found, `best` [m] long, leads against it; else 0."""
+        sides = 0
+        if ti.static(self.some_compact):  # noqa: SIM102 - decided when it is compiled
+            if self._are_compact(q, e) and best < FAR:
+                c, way = ti.Vector([0.0, 0.0, 0.0]), -self.place[q]
+                for k in ti.static(range(8)):
+                    c += 0.125 * self.ahead[self.middle[self.surface.jello_of(q)][k]]
+                    c -= 0.125 * self.ahead[self.middle[self.surface.owner[e]][k]]
+                for k in ti.static(range(3)):
+                    way += weights[k] * self.place[corners[k]]
+                if way.dot(c) < -LEAST_COSINE * ti.max(way.norm() * c.norm(), TINY):
+                    least, a = ti.cast(FAR, float), self.ahead[self.surface.nodes[e][0]]
+                    for k in ti.static(range(3)):
+                        axis = self.ahead[self.surface.nodes[e][4 >> k]] - a
+                        cosine = axis.dot(c) / ti.max(axis.norm() * c.norm(), TINY)
+                        for up in ti.static(range(2)):
+                            faces = ti.static(2 * up - 1) * cosine
+                            if faces > LEAST_COSINE and self.way[e][2 * k + up] < faces * least:
+                                least, sides = self.way[e][2 * k + up] / faces, 1 << (2 * k + up)
+        return sides
 
     @ti.func
     def _outwards(self, q):

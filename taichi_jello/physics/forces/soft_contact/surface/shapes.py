@@ -19,7 +19,8 @@ class Shapes:
     loose; of the firm ones, compact: convex and about as thick as long, and slender: not.
     (J,) [m]: radius of sheets and ropes; spacing between points; thickness, of solids that are not convex that of half
     of the cells, of thin jellos THIN radii. (C,) [m] thick: of the undeformed body around each cell; core: how deep its
-    core begins there."""
+    core begins there. middle (J, 8): the corners of the cell in the middle of each solid.
+    """
 
     solid: np.ndarray
     sheet: np.ndarray
@@ -34,6 +35,7 @@ class Shapes:
     thickness: np.ndarray
     thick: np.ndarray
     core: np.ndarray
+    middle: np.ndarray
 
     @classmethod
     def of(cls, body: Body, loose: np.ndarray, way: np.ndarray) -> "Shapes":
@@ -47,19 +49,20 @@ class Shapes:
         skinned = body.embedded[body.cells[:, 0]]
         thick, thickness = thicknesses(way, skinned, spacing[holder]), THIN * radius
         is_convex, is_compact = np.zeros_like(solid), np.zeros_like(solid)
+        middle, places = np.zeros((len(jellos), 8), np.int32), body.rest[body.cells].mean(1)
         for j in np.flatnonzero(solid):
             own = holder == j
             is_convex[j] = convex(body.rest, body.cells[own])
             is_compact[j] = is_convex[j] and compact(body.rest, body.cells[own])
             thickness[j] = thick[own].max() if is_convex[j] else max(np.median(thick[own]), spacing[j])
+            middle[j] = body.cells[own][np.linalg.norm(places[own] - places[own].mean(0), axis=1).argmin()]
             if is_convex[j]:  # where it is thin it only ends
                 thick[own] = thickness[j]
         core = cores(thick, np.where(skinned, 0.0, spacing[holder]))
         firm, is_compact = solid & ~loose, is_compact & ~loose
         slender = firm & ~is_compact
-        return cls(
-            solid, sheet, rope, is_convex, loose, firm, is_compact, slender, radius, spacing, thickness, thick, core
-        )
+        sizes = radius, spacing, thickness, thick, core, middle
+        return cls(solid, sheet, rope, is_convex, loose, firm, is_compact, slender, *sizes)
 
     @property
     def has_slender(self) -> bool:
