@@ -175,8 +175,8 @@ class SolidContacts:
 
     @ti.func
     def _side_between_middles(self, q, e, corners, weights, best):
-        """The side of cell e, as a bit, by which the way from the middle of its jello to that of point q's leaves first, if
-        both are compact and the way out found, `best` [m] long, leads against it; else 0."""
+        """The side of cell e, as a bit, by which the way from its jello's middle to that of point q's leaves it
+        first, if both are compact and the way out found, `best` [m] long, leads against that; else 0."""
         sides = 0
         if ti.static(self.some_compact):  # noqa: SIM102 - decided when it is compiled
             if self._are_compact(q, e) and best < FAR:
