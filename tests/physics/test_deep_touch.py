@@ -8,10 +8,11 @@ import taichi as ti
 from touching_pairs import touch
 
 from taichi_jello import Ball, Box, Contact, Keyframe, Mesh, Plane, Ring, Scene, Sheet, Simulation, Snapshot
-from taichi_jello.physics.forces.soft_contact.contacts import HALFWAY
-from taichi_jello.physics.forces.soft_contact.fast.approach_speed import PART, Approach
-from taichi_jello.physics.forces.soft_contact.fast.inelastic_brake import BOUNCE
-from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import THICKNESS, Touching
+from taichi_jello.physics.forces.soft_contact.fast.approach_speed import APPROACH, Approach
+from taichi_jello.physics.forces.soft_contact.fast.inelastic_brake import RESTITUTION
+from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import Touching
+from taichi_jello.physics.forces.soft_contact.surface.shapes import THICKNESS
+from taichi_jello.physics.forces.soft_contact.thin_contacts import STOPPED_WITHIN
 from taichi_jello.run.assembly import assembled
 from taichi_jello.run.explain import facts, text
 from taichi_jello.scenefiles import demos
@@ -55,8 +56,8 @@ def test_stiff_and_thin_ones_do_not_pass_at_twenty_metres_a_second(small):
         parts.append(small.system.parts)
         still, moving = middles(small)
         assert moving[0] < still[0] - 0.06
-    # 0.33 m a frame in parts of at most PART of 0.08 m, while they may meet; 1 when they are apart again.
-    assert max(parts) == np.ceil(20.0 / 60.0 / (PART * 0.08)) and parts[0] == parts[-1] == 1
+    # 0.33 m a frame in parts of at most APPROACH of 0.08 m, while they may meet; 1 when they are apart again.
+    assert max(parts) == np.ceil(20.0 / 60.0 / (APPROACH * 0.08)) and parts[0] == parts[-1] == 1
     assert small.body.mass @ small.v == pytest.approx(momentum, abs=1e-6 * 20.0)
     still, moving = (small.v[small.body.jello == j, 0].mean() for j in (0, 1))
     assert moving < still - 1.0  # apart again
@@ -79,7 +80,7 @@ def test_thin_ones_are_braked_as_they_touch_if_contact_s_springs_are_too_weak():
     hard = Contact(stiffness=2000.0, damping=0.5)
     simulation = Simulation(Scene(**WEIGHTLESS, jello=jello, contact=hard), method="rk4", ledger=True)
     v = np.where((simulation.body.jello == 1)[:, None], [0.0, -1.0, 0.0], 0.0)
-    half = 2.0 * THICKNESS["sheet"] * 0.25 * HALFWAY
+    half = 2.0 * THICKNESS["sheet"] * 0.25 * STOPPED_WITHIN
     limit = half * np.sqrt(simulation.tuning["contact_stiffness"] * 25.0)
     lost = []
     for speed in (0.9 * limit, 1.1 * limit):
@@ -100,7 +101,7 @@ def test_parts_are_as_many_as_the_way_asks_for():
     def parts(speed, place=0.0, dt=0.01):
         return approach.parts(body.x + second * [place, 0.0, 0.0], second * [-speed, 0.0, 0.0], 0.02, dt)
 
-    assert parts(40.0) == 1 and parts(60.0) == np.ceil(0.6 / (PART * 0.5)) and parts(60.0, dt=0.005) == 5
+    assert parts(40.0) == 1 and parts(60.0) == np.ceil(0.6 / (APPROACH * 0.5)) and parts(60.0, dt=0.005) == 5
     assert parts(-60.0, place=-2.0) == 10  # within each other: they may strike inside
     assert parts(-60.0) == 1 and parts(3.0, place=-1.0) == 1  # away from each other; slowly
     alone = Approach(assembled(Scene(jello=[Box(points=(2, 2, 2))])), np.ones(1))
@@ -117,19 +118,20 @@ def test_thickness_and_compactness_of_shapes():
         Box(points=(5, 3, 4), size=(1.0, 0.5, 0.6), rotation=(30.0, 40.0, 50.0)),
     ]
     touching = Touching.of(assembled(Scene(jello=jello)), np.zeros(6, bool))
-    assert touching.compact.tolist() == [False, True, False, False, False, True]  # a slab is slender; up to 1 : 2
-    assert touching.slender.tolist() == [True, False, True, True, False, False]
-    assert touching.thickness[0] == pytest.approx(0.2)
-    assert touching.thickness[1] == pytest.approx(1.0, abs=1 / 6)  # along a diameter, to a cell
-    assert touching.thickness[2] == pytest.approx(0.25, abs=0.01)  # the bar's
-    body, spacing = assembled(Scene(jello=jello)), touching.spacing[3]
-    cells = touching.thick[body.jello[body.cells[:, 0]] == 3]
+    shapes = touching.shapes
+    assert shapes.compact.tolist() == [False, True, False, False, False, True]  # a slab is slender; up to 1 : 2
+    assert shapes.slender.tolist() == [True, False, True, True, False, False]
+    assert shapes.thickness[0] == pytest.approx(0.2)
+    assert shapes.thickness[1] == pytest.approx(1.0, abs=1 / 6)  # along a diameter, to a cell
+    assert shapes.thickness[2] == pytest.approx(0.25, abs=0.01)  # the bar's
+    body, spacing = assembled(Scene(jello=jello)), shapes.spacing[3]
+    cells = shapes.thick[body.jello[body.cells[:, 0]] == 3]
     # Half of the rabbit's cells are in parts no thicker; an ear has one cell, of which the skin leaves a half.
-    assert cells.min() == pytest.approx(0.5 * spacing) and spacing < touching.thickness[3] < cells.max()
-    assert np.count_nonzero(cells <= touching.thickness[3]) >= 0.5 * len(cells)
-    assert touching.thickness[4] == pytest.approx(8 * 0.25 * 0.25)  # eight times its radius
+    assert cells.min() == pytest.approx(0.5 * spacing) and spacing < shapes.thickness[3] < cells.max()
+    assert np.count_nonzero(cells <= shapes.thickness[3]) >= 0.5 * len(cells)
+    assert shapes.thickness[4] == pytest.approx(8 * 0.25 * 0.25)  # eight times its radius
     loose = Touching.of(assembled(Scene(jello=jello)), np.arange(6) == 0)
-    assert not loose.compact[0] and not loose.slender[0]
+    assert not loose.shapes.compact[0] and not loose.shapes.slender[0]
     assert loose.bare == touching.bare + 3 * 1 * 2  # with the points inside
 
 
@@ -275,7 +277,7 @@ def test_the_brake_alone_leaves_two_turning_as_one_and_a_tenth_of_the_rest_backw
     turning = np.linalg.solve(inertia, mass @ np.cross(arm, v))
     assert turning[2] > 0.1
     as_one = np.array([1.0, 0.0, 0.0]) + np.cross(turning, arm)
-    assert after == pytest.approx(as_one - BOUNCE * (v - as_one), abs=1e-5)
+    assert after == pytest.approx(as_one - RESTITUTION * (v - as_one), abs=1e-5)
 
 
 @ti.kernel

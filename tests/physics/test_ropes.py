@@ -10,11 +10,10 @@ from test_functions import call
 from touching_pairs import placed, touch
 
 from taichi_jello import Box, Contact, Rope, Scene, Sheet, Simulation, Snapshot
-from taichi_jello.physics.forces.soft_contact import shared_load
-from taichi_jello.physics.forces.soft_contact.rope_contacts import TWICE
+from taichi_jello.physics.forces.soft_contact.contacts import MAX_CONTACTS_PER_POINT, ROPE_PAIR_SHARE
 from taichi_jello.physics.forces.soft_contact.search import neighbour_list
 from taichi_jello.physics.forces.soft_contact.search.closest_point import closest
-from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import AT_ONCE, THICKNESS
+from taichi_jello.physics.forces.soft_contact.surface.shapes import THICKNESS
 from taichi_jello.run.explain import facts
 from taichi_jello.shapes.lattice import rotation
 from taichi_jello.studies._contact.pairs import Pair, thrown
@@ -84,8 +83,8 @@ def test_between_its_points_a_rope_is_kept_as_far_as_at_them(crossed):
         depth = [apart - least_distance(x[4 * j :][:4], i, x[4 * (1 - j) :][:4]) for j in (0, 1) for i in range(4)]
         found.append(energy(crossed, x))
         # Places 1/800 beside the nearest are by 1e-6 / 2 distance farther, at 0.01 by 1e-4.
-        assert found[-1] == pytest.approx(TWICE * 0.5 * k * np.sum(np.maximum(depth, 0.0) ** 2), rel=5e-4)
-    assert found[-1] > 3.0 * TWICE * 0.5 * k * (apart - 0.01) ** 2  # from the three halves that cross
+        assert found[-1] == pytest.approx(ROPE_PAIR_SHARE * 0.5 * k * np.sum(np.maximum(depth, 0.0) ** 2), rel=5e-4)
+    assert found[-1] > 3.0 * ROPE_PAIR_SHARE * 0.5 * k * (apart - 0.01) ** 2  # from the three halves that cross
 
 
 def test_forces_between_points_are_opposite_and_lead_downhill(crossed, forces):
@@ -104,27 +103,33 @@ def test_forces_between_points_are_opposite_and_lead_downhill(crossed, forces):
         assert slope == pytest.approx(pushed[i], rel=0.02)  # of f32 energies, 4 mm apart
 
 
-def test_forces_are_the_same_where_no_list_has_room_for_a_point_s_contacts(crossed, forces, monkeypatch):
-    x = across(0.4)
-    found = forces(crossed, x)
-    monkeypatch.setattr(shared_load, "SLOTS", 1)
-    simulation = Simulation(crossed.scene, method="rk4", substeps=1)
-    assert np.abs(found).max() > 0.0
-    assert forces(simulation, x) == pytest.approx(found, abs=1e-5 * np.abs(found).max())
+def test_however_many_contacts_press_on_a_point_each_has_its_weight():
+    """Sixty points of a rope lie across one triangle of a cube: its corners have all of these contacts."""
+    rope = Rope(points=60, length=0.5, position=(-0.05, 0.49, 0.1), **FREE)
+    scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[Box(points=(2, 2, 2)), rope])
+    simulation = Simulation(scene, method="rk4", substeps=1, check_start=False)
+    simulation.energies()
+    contacts = touch(simulation).contacts
+    count, own, weights = (f.to_numpy() for f in (contacts.count, contacts.pressing_count, contacts.weights))
+    start, weight_in = contacts.pressing_start.to_numpy(), contacts.weight_in.to_numpy()
+    assert count.sum() >= 50 and own.max() >= 50
+    sums = [weight_in[a : a + n].sum() for a, n in zip(start, own, strict=True)]
+    assert np.sum(sums) == pytest.approx(0.0, abs=1e-4)  # what a point has its triangle has the other way
+    assert own.sum() == count.sum() + np.count_nonzero(weights[::MAX_CONTACTS_PER_POINT])
 
 
 @pytest.mark.parametrize("contact", [{}, {"touch": False}], ids=["with each other", "with themselves"])
 def test_where_the_lists_have_no_room_nothing_is_left_out(contact, monkeypatch, forces):
-    """Of two ropes and a box squeezed into a ball a point has up to 40 segments near, and 7 places with the least
+    """Of two ropes and a box squeezed into a ball a point has up to 40 segments near, and 8 places with the least
     room."""
     ropes = [Rope(points=24, length=3.0, self_contact=bool(contact), **FREE)] * 2
     scene = Scene(gravity=(0.0, 0.0, 0.0), jello=[*ropes, Box(points=(3, 3, 3))], contact=Contact(**contact))
     start, found = 0.3 * np.random.default_rng(1).standard_normal((75, 3)), []
-    for room in (neighbour_list.ROOM, neighbour_list.ROW // 2):
-        monkeypatch.setattr(neighbour_list, "ROOM", room)
+    for room in (neighbour_list.SLOTS_PER_POINT, 4):
+        monkeypatch.setattr(neighbour_list, "SLOTS_PER_POINT", room)
         simulation = Simulation(scene, method="rk4", substeps=1, check_start=False)
         found.append(forces(simulation, start))
-    assert not touch(simulation).near.has_room.to_numpy().all()
+    assert touch(simulation).near.state[neighbour_list.FULL]
     assert np.abs(found[0]).max() > 0.0 and np.array_equal(*found)
 
 
@@ -186,7 +191,7 @@ def test_sides_that_do_not_agree_brake_nothing():
     scene = Scene(gravity=(0.0, 0.0, 0.0), jello=jello, contact=Contact(friction=0.0, damping=0.0))
     simulation = Simulation(scene, method="rk4", substeps=400, ledger=True, check_start=False)
     simulation.step(20)  # later some are in no cell, by rounding: they lie where four meet
-    assert touch(simulation).contacts.own.to_numpy()[:31].sum() >= 10
+    assert touch(simulation).contacts.count.to_numpy()[:31].sum() >= 10
     simulation.step(20)
     assert simulation.work["impacts"] == 0.0
 
@@ -235,6 +240,6 @@ def test_in_a_plane_that_leans_rounding_does_not_choose_the_side():
         placed(simulation, (plane, plane @ rotation((0.0, 75.0, 0.0))), plane @ [0.11, 0.0, 0.07])
         simulation.energies()
         contacts = touch(simulation).contacts
-        up = contacts.normal.to_numpy()[::AT_ONCE] @ plane[:, 1]
-        where = (contacts.own.to_numpy() > 0) & (np.abs(up) > 0.9)
+        up = contacts.normal.to_numpy()[::MAX_CONTACTS_PER_POINT] @ plane[:, 1]
+        where = (contacts.count.to_numpy() > 0) & (np.abs(up) > 0.9)
         assert where[:9].any() and where[9:].any() and len(set(np.sign(up * np.repeat([1.0, -1.0], 9))[where])) == 1

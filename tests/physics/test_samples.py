@@ -8,8 +8,9 @@ from touching_pairs import touch
 
 from taichi_jello import Box, Pin, Rope, Scene, Sheet, Simulation
 from taichi_jello.physics.forces.collider_contact.skin_penalty import steepest
-from taichi_jello.physics.forces.soft_contact.surface.edge_samples import MOST, edges, samples
-from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import Touching, ways_out
+from taichi_jello.physics.forces.soft_contact.surface.edge_samples import MAX_PARTS, edges, samples
+from taichi_jello.physics.forces.soft_contact.surface.exits import ways_out
+from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import Touching
 from taichi_jello.run.assembly import assembled
 from taichi_jello.support import runtime
 
@@ -55,7 +56,7 @@ def test_only_what_is_long_has_them_and_not_too_many():
     body = assembled(Scene(jello=[Box(points=(2, 2, 2), size=(1.0, 1.0, 0.001))]))
     faces = ways_out(body.rest, body.cells)[0]
     corners, _, share = samples(body.rest, edges(faces), np.full(12, 0.001))
-    assert share.min() == 1.0 / MOST and len(corners) == 8 * (MOST - 1)
+    assert share.min() == 1.0 / MAX_PARTS and len(corners) == 8 * (MAX_PARTS - 1)
     loose = Touching.of(body, np.ones(1, bool))
     assert loose.skin == len(loose.points)
 
@@ -92,7 +93,7 @@ def test_the_end_of_a_rope_has_no_segment_beside_a_point_between():
         gravity=(0.0, 0.0, 0.0), jello=[Box(points=(5, 5, 5), size=(0.2, 0.2, 0.2), position=(0, 9.0, 0)), rope]
     )
     simulation = Simulation(scene, method="rk4", substeps=50)
-    touching = touch(simulation).near.touching
+    touching = touch(simulation).surface.touching
     assert touching.skin == touching.bare and (simulation.body.jello[touching.points[-1]] == 1)
     assert simulation.energies()["contact"] == 0.0
 
@@ -109,9 +110,9 @@ def test_a_point_between_those_of_a_rope_touches_only_solids():
         simulation = Simulation(Scene(jello=[rope, *others]), method="rk4", substeps=100)
         simulation.step(1)
         found = touch(simulation)
-        own = found.contacts.own.to_numpy()[found.near.first_sample :]
-        mine = simulation.body.jello[found.near.touching.points[found.near.first_sample :]] == 0
-        assert found.contacts.own.to_numpy()[:4].all() and mine.any() and own[mine].any() == some
+        own = found.contacts.count.to_numpy()[found.surface.first_sample :]
+        mine = simulation.body.jello[found.surface.touching.points[found.surface.first_sample :]] == 0
+        assert found.contacts.count.to_numpy()[:4].all() and mine.any() and own[mine].any() == some
 
 
 @pytest.mark.parametrize(
@@ -126,7 +127,7 @@ def test_what_falls_across_a_bar_between_its_points_is_held(other):
     """Both fell through, 0.1 m from the nearest particle of the bar; free fall is 0.78 m."""
     falls = replace(other, position=(0.1, 0.1, 0.1))
     simulation = Simulation(Scene(jello=[BAR, falls]), method="rk4")
-    assert touch(simulation).near.skinned
+    assert touch(simulation).surface.blended
     simulation.advance(0.4)
     bar, across = (simulation.x[simulation.body.jello == j] for j in (0, 1))
     near = across[np.abs(across[:, 2] - bar[:, 2].mean()) < 0.15]

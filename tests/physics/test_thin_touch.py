@@ -7,8 +7,8 @@ import pytest
 from touching_pairs import placed
 
 from taichi_jello import Box, Contact, Pin, Plane, Ring, Rope, Scene, Sheet, Simulation
-from taichi_jello.physics.forces.soft_contact.rope_contacts import FLAT
-from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import THICKNESS
+from taichi_jello.physics.forces.soft_contact.surface.shapes import THICKNESS
+from taichi_jello.physics.forces.soft_contact.thin_contacts import COPLANAR
 from taichi_jello.run.start_warnings import SceneWarning
 from taichi_jello.shapes.lattice import rotation
 from taichi_jello.support import runtime
@@ -60,7 +60,7 @@ def ropes():
 def test_ropes_that_cross_in_one_plane_leave_it_by_two_sides(angle, shift, ropes):
     """Pressed to both sides of each other all of these stayed."""
     apart, energy = 2.0 * THICKNESS["rope"] / 8.0, []
-    for height in (2.0 * FLAT * apart, 0.0):
+    for height in (2.0 * COPLANAR * apart, 0.0):
         placed(ropes, (np.eye(3), rotation((0.0, angle, 0.0))), np.add(shift, (0.0, -height, 0.0)))
         energy.append(sum(ropes.energies().values()))
     assert energy[1] == pytest.approx(energy[0], rel=0.01)

@@ -22,8 +22,8 @@ from taichi_jello import (
     scenefiles,
 )
 from taichi_jello.physics.forces.soft_contact.search import neighbour_list
-from taichi_jello.physics.forces.soft_contact.search.neighbour_list import ROW
-from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import inner_neighbours, ways_out
+from taichi_jello.physics.forces.soft_contact.search.neighbour_list import FULL
+from taichi_jello.physics.forces.soft_contact.surface.exits import inner_neighbours, ways_out
 from taichi_jello.run.explain import facts
 from taichi_jello.scene.body import join
 from taichi_jello.shapes.lattice import rotation
@@ -80,8 +80,8 @@ def test_the_same_bits_after_a_restore_and_with_other_lists(crash, monkeypatch):
     near = touch(crash).near
     pairs = near.listed.to_numpy().sum()
     for least, most in ((0.05, 0.5), (0.6, 2.0)):
-        monkeypatch.setattr(neighbour_list, "LEAST", least)
-        monkeypatch.setattr(neighbour_list, "MOST", most)
+        monkeypatch.setattr(neighbour_list, "MIN_MARGIN", least)
+        monkeypatch.setattr(neighbour_list, "MAX_MARGIN", most)
         crash.restore(middle)
         for _ in range(5):
             crash.frame()
@@ -97,19 +97,16 @@ def test_the_list_holds_every_point_near_an_element(crash):
     crash.energies()
     near = touch(crash).near
     number, found, x = near.listed.to_numpy(), near.found.to_numpy(), crash.x
-    margin = near.margin.to_numpy()
+    margin = near.margins.margin.to_numpy()
     order, first, last = (field.to_numpy() for field in (near.tree_order, near.tree_first, near.tree_last))
-    jello, corners = crash.body.jello, x[near.touching.nodes]
+    jello, corners = crash.body.jello, x[near.surface.touching.nodes]
     within = np.einsum("pk,eka->epa", trilinear(np.linspace(0.0, 1.0, 5)), corners)  # places in every cell
-    owner = jello[near.touching.nodes[:, 0]]
+    owner = jello[near.surface.touching.nodes[:, 0]]
     some = 0
-    for q, i in enumerate(near.touching.points):
-        reach = 0.999 * (margin[i] + margin[near.touching.nodes].min(1))
+    for q, i in enumerate(near.surface.touching.points):
+        reach = 0.999 * (margin[i] + margin[near.surface.touching.nodes].min(1))
         inside = np.linalg.norm(within - x[i], axis=2).min(1) < reach
-        listed, place = [], q * ROW
-        for _ in range(number[q]):
-            listed.append(found[place])
-            place = found[place + 1] if place % ROW == ROW - 2 else place + 1
+        listed = found[q * near.slots :][: number[q]].tolist()
         assert len(set(listed)) == number[q]
         listed = [e for n in listed for e in order[first[n] : last[n]]]
         some += np.count_nonzero(inside & (owner != jello[i]))
@@ -129,8 +126,8 @@ def test_lists_have_room_however_far_jellos_fly_in_a_frame():
     simulation.restore(Snapshot(0.0, np.concatenate([low - 0.2 * way, high]), first * 20.0 * way))
     for _ in range(4):
         simulation.step(6)
-        assert near.count + near.state[1] <= near.rows
-        assert near.clock[1] >= simulation.dt / simulation.system.parts
+        assert not near.state[FULL]
+        assert near.margins.clock[1] >= simulation.dt / simulation.system.parts
 
 
 def trilinear(steps):

@@ -81,12 +81,12 @@ class FreeFlight:
         has self-contact."""
         if not self.mutual:
             return np.zeros((len(self.free),) * 2, bool)
-        near, first, end = self.mutual[0].near, self.whole.first, now.x + length * now.v
-        keeps = (near.touching.radius + MARGIN * near.touching.spacing)[:, None]
-        low = np.minimum.reduceat(np.minimum(now.x, end), first) - keeps
-        high = np.maximum.reduceat(np.maximum(now.x, end), first) + keeps
+        surface, first = self.mutual[0].surface, self.whole.first
+        end, keeps = now.x + length * now.v, surface.touching.shapes.radius + MARGIN * surface.touching.shapes.spacing
+        low = np.minimum.reduceat(np.minimum(now.x, end), first) - keeps[:, None]
+        high = np.maximum.reduceat(np.maximum(now.x, end), first) + keeps[:, None]
         found = meet(low[:, None], high[:, None], low, high)
-        np.fill_diagonal(found, near.itself)
+        np.fill_diagonal(found, surface.itself)
         return found
 
     def presses(self, t: float) -> np.ndarray:

@@ -165,6 +165,7 @@ class MutualForce(ParticleForce):
     """
 
     near: Any
+    surface: Any
     rounds: int
     nearest: float
     fresh: Any

@@ -1,4 +1,4 @@
-"""Pairs of jellos thrown at each other in poses drawn by chance, and what becomes of them."""
+"""Pairs of jellos thrown at each other in random poses, and what becomes of them."""
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator
@@ -48,7 +48,7 @@ SHAPES: dict[str, Callable[[float], Jello]] = {
 
 @dataclass(frozen=True)
 class Pair:
-    """Two jellos of 1 kg and `size` [m], weightless; where they are is for who restores a state."""
+    """Two weightless jellos of 1 kg and `size` [m]; a restored state says where they are."""
 
     one: str
     other: str
@@ -63,7 +63,8 @@ class Pair:
 
 
 def posed(simulation: Simulation, pose: int) -> tuple[Array, Array, Array]:
-    """By chance, the same for each number: the particles of both about their middles, each turned, and a way."""
+    """Drawn at random, the same for each number: the particles (N, 3) of both about their middles, each turned, and a
+    direction (3,)."""
     draw, found = np.random.default_rng([SEED, pose]), []
     for j in (0, 1):
         rest = simulation.body.rest[simulation.body.jello == j]
@@ -73,33 +74,29 @@ def posed(simulation: Simulation, pose: int) -> tuple[Array, Array, Array]:
     return found[0], found[1], way / np.linalg.norm(way)
 
 
-def go_on(simulation: Simulation, seconds: float) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SceneWarning)  # of their overlap
-        simulation.advance(seconds)
-
-
 def middles(simulation: Simulation) -> Array:
     return np.array([simulation.x[simulation.body.jello == j].mean(0) for j in (0, 1)])
 
 
 def thrown(simulation: Simulation, size: float, poses: Iterable[int]) -> Iterator[Row]:
-    """The first thrown at the second at 20 m/s, middle at middle, from 2 sizes away: whether it is beyond it in the
-    end; and if it is, whether it has gone through it, not round it."""
+    """Throw the first at the second at 20 m/s, middle at middle, from 2 sizes away: whether it is beyond it in the end,
+    and whether it went through it, not round it."""
     first = (simulation.body.jello == 0)[:, None]
     end = AFTER + 4.0 * size / SPEED
     for pose in poses:
         low, high, way = posed(simulation, pose)
         start = Snapshot(0.0, np.concatenate([low - 2.0 * size * way, high]), first * SPEED * way)
         simulation.restore(start)
-        go_on(simulation, end)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SceneWarning)  # of their overlap
+            simulation.advance(end)
         a, b = middles(simulation)
         beyond = bool((a - b) @ way > 0.0)
         yield {"pose": pose, "beyond": beyond, "through": beyond and went_through(simulation, start, way, end)}
 
 
 def went_through(simulation: Simulation, start: Snapshot, way: Array, end: float) -> bool:
-    """Whether they do in that throw, looked at after each step."""
+    """The same throw, looked at after each step."""
     simulation.restore(start)
     watch, before = watched(simulation.body), -1.0
     watch.look(simulation.x.astype(float), False)

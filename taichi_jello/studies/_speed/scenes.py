@@ -66,11 +66,11 @@ def crowd_row(arch: str, seconds: float) -> dict[str, Any]:
 
     runtime.start(arch)
     simulation = Simulation(load("crowd"))
-    near = next(force.near for force in simulation.system.all_forces if isinstance(force, Touch))
-    search, searched = near.refresh, []
+    touch = next(force for force in simulation.system.all_forces if isinstance(force, Touch))
+    search, searched = touch.refresh, []
     simulation.frame()  # compiles
     simulation.reset()
-    near.refresh = lambda *arguments: searched.append(seconds_of(lambda: search(*arguments)))
+    touch.refresh = lambda *arguments: searched.append(seconds_of(lambda: search(*arguments)))
     times = 1e3 * np.array(frame_times(simulation, round(seconds / simulation.frame_dt)))
     sections = [part.mean() for part in np.array_split(times, max(1, round(seconds / SECTION)))]
     return {

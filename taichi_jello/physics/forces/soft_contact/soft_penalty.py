@@ -1,40 +1,40 @@
 """Contact of jellos with each other and with themselves: penalty springs with dashpot and friction, equal and opposite.
 
-What a point feels that touches another jello (see contacts.py), the triangle's corners feel the other way,
-shared by the place that is touched. Friction on a point that is deep below that place would be a couple and make
-angular momentum: so the corners also feel forces along the normal that have no sum and take that torque up.
+The force on a point that touches acts the other way on the corners of the touched triangle, shared out by the weights
+of the touched place. Friction at a point that is deep below that place would be a couple and make angular momentum: the
+corners also feel forces along the normal, of sum zero, that balance its torque.
 
-Springs of contact can be too soft to stop what is fast and heavy before it is out on the other side. A point that comes
-near the middle of what it touches, its core, meets a dashpot there that is as hard as the step allows, for as long as
-it goes on: it takes energy out and gives none back.
+Contact springs can be too soft to stop a fast and heavy jello before it is out on the other side. In the core of what
+it touches a point also meets a dashpot, as hard as the step allows.
 """
 
 from math import hypot
+from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces._base import MutualForce, Rates, block, cut, even_block
 from taichi_jello.physics.forces.collider_contact.collider_penalty import pressure
+from taichi_jello.physics.forces.collider_contact.friction import cone, friction_force
 from taichi_jello.physics.forces.collider_contact.skin_penalty import steepest
 from taichi_jello.physics.forces.contact_law import ContactLaw
-from taichi_jello.physics.forces.soft_contact.contacts import Contacts
+from taichi_jello.physics.forces.soft_contact.bristles import Bristles
+from taichi_jello.physics.forces.soft_contact.contacts import FULL_CONTACTS, MAX_CONTACTS_PER_POINT
 from taichi_jello.physics.forces.soft_contact.fast.approach_speed import Approach
-from taichi_jello.physics.forces.soft_contact.shared_load import LOAD
-from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import AT_ONCE
-from taichi_jello.physics.forces.springs.spring_state import loose
+from taichi_jello.physics.forces.soft_contact.narrow_phase import ROUNDS, NarrowPhase
+from taichi_jello.physics.forces.soft_contact.search.neighbour_list import BUSY, STALE, NeighbourList
+from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import Touching
+from taichi_jello.physics.forces.soft_contact.surface.surface_fields import SurfaceFields
+from taichi_jello.physics.forces.springs.spring_state import SpringState, loose
+from taichi_jello.physics.particles import Particles
+from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import Scene
 from taichi_jello.support.runtime import RuntimeProblem
 
-
-@ti.func
-def rub(pressed, u, friction, grip):
-    limit = friction * pressed
-    return -limit * grip / ti.sqrt(grip * grip * u.dot(u) + limit * limit + 1e-30) * u
-
-
-STOP = 0.25  # of the mass over the step, what an explicit step stands of a dashpot where little else damps
-SOFT = 0.5  # of the depth of a core, over which its dashpot grows hard
-BLIND = ("vulkan", "metal")  # compiled for them, the search makes lists that stay empty
+EXPLICIT_DASHPOT = 0.25  # of the mass over the step: a core's dashpot that explicit steps stay stable with
+CORE_RAMP = 0.5  # of the depth of a core, over which its dashpot grows to that
+UNSUPPORTED = ("vulkan", "metal")  # compiled for them, the search makes lists that stay empty
 
 
 @ti.data_oriented
@@ -44,64 +44,77 @@ class Touch(MutualForce):
     reads_velocity = True
     prepares = has_curvature = True
     works = ("touch dashpots", "touch friction")
+    rounds = ROUNDS
 
-    def __init__(self, scene, particles, itself):
+    def __init__(self, scene: Scene, particles: Particles, itself: np.ndarray):
         body, memory = particles.body, particles.memory
-        self.particles, self.frame_dt = particles, scene.solver.frame_dt
-        tears = any(jello.tear_strain for jello in scene.jello)
+        self.particles = particles
+        touching = Touching.of(body, loose(scene))
         # With this grip all contacts of a point damp as much as one with a collider.
-        self.law = ContactLaw(scene, body, memory, self.title, grip_part=0.5 / LOAD)
-        self.rubs = self.law.rubs
-        self.contacts = Contacts(self.title, body, memory, scene.contact.touch, itself, loose(scene), tears, self.law)
-        self.brake = self.contacts.brake
-        self.near, self.points, self.rounds = self.contacts.near, self.contacts.points, self.contacts.rounds
-        touching = self.near.touching
-        if self.near.skinned:
-            for name, values in zip(("first", "around", "in_it"), touching.rows, strict=True):
-                setattr(self, name, memory.table(self.title, f"points of each particle: {name}", values))
-        self.force = memory.zeros(self.title, "forces", (AT_ONCE * self.points, 3))
+        self.law = ContactLaw(scene, body, memory, self.title, grip_part=0.5 / FULL_CONTACTS)
+        self.rubs = self.ends_steps = self.law.rubs
+        self.surface = SurfaceFields(self.title, body, memory, touching, scene.contact.touch, itself)
+        self.points = self.surface.count
+        self.near = NeighbourList(self.title, body, memory, self.surface, scene.solver.frame_dt)
+        self.refresh, self.watch = self.near.refresh, self.near.watch
+        tears = any(jello.tear_strain for jello in scene.jello)
+        narrow = NarrowPhase(self.title, body, memory, self.surface, self.near, self.law, tears)
+        self.narrow, self.contacts, self.brake = narrow, narrow.contacts, narrow.brake
+        names = ("first", "points", "weights")
+        self.first, self.around, self.part_in = (
+            memory.table(self.title, f"points of each particle: {name}", values)
+            for name, values in zip(names, touching.points_of_particles(len(body)), strict=True)
+        )
+        count = MAX_CONTACTS_PER_POINT * self.points
+        self.force = memory.zeros(self.title, "forces", (count, 3))
         if self.rubs:
-            self.tilt = memory.zeros(self.title, "normal forces of corners", (AT_ONCE * self.points, 3))
-        self.approach = Approach(body, touching.thickness)
-        self.lightest = memory.table(self.title, "lightest particle and mass", self._weights(body))
-        self.stops = memory.table(self.title, "stops", np.zeros(2))
-        self.damping = memory.zeros(self.title, "dashpots", (AT_ONCE * self.points,))
-        self._stops = (0.0, 0.0)
+            self.tilt = memory.zeros(self.title, "normal forces of corners", (count, 3))
+            self.sticking = memory.zeros(self.title, "parts of friction that hold", (count,))
+            self.bristles = Bristles(self.title, memory, count)
+        self.damping = memory.zeros(self.title, "dashpots", (count,))
+        self.masses = memory.table(self.title, "lightest particle and mass", self._masses(body))
+        self.rate = memory.table(self.title, "rates of dashpots in cores", np.zeros(2))
+        self._rate = (0.0, 0.0)
+        self.approach = Approach(body, touching.shapes.thickness)
+        self.nearest = self.approach.least
 
     @classmethod
-    def made_for(cls, scene, particles):
+    def made_for(cls, scene: Scene, particles: Particles) -> list[Any]:
         itself = np.array([jello.self_contact for jello in scene.jello])
         meets = itself.any() or (len(scene.jello) > 1 and scene.contact.touch)
         if not meets or scene.contact.stiffness == 0.0:
             return []
-        if (arch := particles.memory.owner.arch) in BLIND:
+        if (arch := particles.memory.owner.arch) in UNSUPPORTED:
             raise RuntimeProblem(
                 f"--arch {arch}: jellos do not feel each other there; use cpu, or contact.touch = false"
             )
         return [cls(scene, particles, itself)]
 
-    def tuning(self):
+    @staticmethod
+    def _masses(body: Body) -> np.ndarray:
+        """(J, 2) [kg] of each jello: its lightest particle, and all of it."""
+        jellos = range(int(body.jello.max()) + 1)
+        return np.array([[f(body.mass[body.jello == j]) for f in (np.min, np.sum)] for j in jellos])
+
+    def tuning(self) -> dict[str, float]:
         return self.law.tuning()
 
-    def tune(self, name, value):
+    def tune(self, name: str, value: float) -> None:
         self.law.tune(name, value)
 
-    def steepest(self, each):
+    def steepest(self, each: np.ndarray) -> float:
         """How stiff springs (J,) [N/m] at all points of each jello can be, over mass [1/s²]; see steepest."""
-        body, touching = self.particles.body, self.near.touching
-        particles = touching.points[: touching.bare]
-        bare, others = float((each[body.jello] / body.mass)[particles].max(initial=0.0)), 0.0
-        if len(touching.corners):
-            share = touching.share[touching.bare :] * each[body.jello[touching.corners[:, 0]]]
-            others = steepest(body.mass, touching.corners, touching.weights, share)
-        both = body.embedded[particles].any() or touching.skin < len(touching.points)
-        return bare + others if both else max(bare, others)
+        body, touching = self.particles.body, self.surface.touching
+        alone = np.repeat(touching.points[: touching.bare, None], 8, 1), np.eye(1, 8).repeat(touching.bare, 0)
+        corners = np.concatenate([alone[0], touching.corners])
+        weights = np.concatenate([alone[1], touching.weights])
+        return steepest(body.mass, corners, weights, touching.share * each[body.jello[corners[:, 0]]])
 
-    def rates(self):
-        """Row i of M⁻¹K sums to at most 2/m k Σ|g|, g its weight in each contact, and no load Σ|g| counts for more
-        than LOAD, that of a skin's point for its share of it; the same holds for the dashpots. Friction as in contact
-        with colliders."""
-        law, most = self.law, 2.0 * LOAD
+    def rates(self) -> Rates:
+        """Row i of M⁻¹K sums to at most 2/m k Σ|g|, g its weight in each contact, and Σ|g| counts for no more than
+        FULL_CONTACTS, that of a skin's point for its share of it; the same holds for the dashpots. Friction as in
+        contact with colliders."""
+        law, most = self.law, 2.0 * FULL_CONTACTS
         sideways = law.grip if law.rubs else np.zeros_like(law.damping)
         return Rates(
             squared_frequency=most * hypot(1.0, law.friction) * self.steepest(law.stiffness),
@@ -109,229 +122,208 @@ class Touch(MutualForce):
             damping_time=law.damping_time,
         )
 
+    def stride(self, dt: float, solves: bool, damping: float) -> None:
+        """Set the rates [1/s] of dashpots in cores, for the lightest particle and for a whole jello. Where a step is
+        solved for, they stop all of it within the step; else they take what the other dashpots, of rate `damping`,
+        leave of the step's limit, which is at least 2/dt for every scheme."""
+        rate = (0.0, 1.0 / dt) if solves else (EXPLICIT_DASHPOT * max(0.0, 1.0 / dt - 0.5 * damping), 0.0)
+        if rate != self._rate:
+            self._rate = rate
+            self.rate.from_numpy(np.array(rate, self.particles.memory.number))
+
+    def parts(self, x: np.ndarray, v: np.ndarray, frame_dt: float, dt: float) -> int:
+        return self.approach.parts(x, v, frame_dt, dt)
+
+    def set_state(self, state: SpringState) -> None:
+        self.narrow.set_state(state)
+
+    def begin_frame(self, start: float, end: float) -> None:
+        self.near.begin_frame(start)
+
+    @property
+    def fresh(self) -> bool:
+        return self.near.fresh
+
+    def forget(self) -> None:
+        self.near.fresh = False
+
+    @ti.func
+    def stale(self):
+        return self.near.state[STALE]
+
+    def remembered(self) -> dict[str, np.ndarray]:
+        return self.bristles.remembered() if self.rubs else {}
+
+    def recall(self, memory: dict[str, np.ndarray]) -> None:
+        if self.rubs:
+            self.bristles.recall(memory)
+
     @ti.func
     def find_contacts(self, r: ti.template(), system, first, last, x, v, ahead):
-        self.contacts.look(r, system, first, last, x, v, ahead)
+        self.narrow.find_contacts(r, system, first, last, x, v, ahead)
+        if ti.static(self.rubs and r == ROUNDS - 1):
+            some = self.near.state[BUSY]
+            for k in range(system.share_of(first, some), system.share_of(last, some)):
+                start = self.near.busy[k] * MAX_CONTACTS_PER_POINT
+                for contact in range(start, start + self.contacts.count[self.near.busy[k]]):
+                    _own, other = self.contacts.jellos(contact)
+                    n = self.contacts.normal[contact]
+                    self.bristles.begin(contact, other, n, self._along(contact, n, system.state.x))
+
+    @ti.func
+    def end_step(self, system, first, last, x, t):
+        system.wait_for_team()  # until x of all particles is there
+        for q in range(system.share_of(first, self.points), system.share_of(last, self.points)):
+            start = q * MAX_CONTACTS_PER_POINT
+            for contact in range(start, start + MAX_CONTACTS_PER_POINT):
+                depth = ti.cast(0.0, float)
+                if contact < start + self.contacts.count[q]:
+                    depth = self.contacts.depth(contact, x)
+                if depth > 0.0:
+                    _own, other = self.contacts.jellos(contact)
+                    along = self._along(contact, self.contacts.normal[contact], x)
+                    self.bristles.end(contact, other, along, self.contacts.law_of(contact)[2] * depth)
+                else:
+                    self.bristles.let_go(contact)
 
     @ti.func
     def prepare(self, first, last, x, v, t):
-        busy = self.near.state[2]
-        for k in range(cut(self.points, first, busy), cut(self.points, last, busy)):
-            q = self.near.busy[k]
-            for contact in range(q * AT_ONCE, q * AT_ONCE + self.contacts.own[q]):
-                self.force[contact] = self.press(contact, x, v)
-
-    @staticmethod
-    def _weights(body):
-        """(J, 2) [kg] of each jello: its lightest particle, and all of it."""
-        jellos = range(int(body.jello.max()) + 1)
-        return np.array([[f(body.mass[body.jello == j]) for f in (np.min, np.sum)] for j in jellos])
-
-    @property
-    def nearest(self):
-        return self.approach.least
-
-    def parts(self, x, v, frame_dt, dt):
-        return self.approach.parts(x, v, frame_dt, dt)
-
-    def stride(self, dt, solves, damping):
-        """What a dashpot in a core may have [1/s], of the lightest particle and of all of a jello: where a step is
-        solved for it stops all of it within one; else no more than what the other dashpots leave of the step's limit,
-        which is at 2/dt or beyond for every scheme."""
-        stops = (0.0, 1.0 / dt) if solves else (STOP * max(0.0, 1.0 / dt - 0.5 * damping), 0.0)
-        if stops != self._stops:
-            self._stops = stops
-            self.stops.from_numpy(np.array(stops, self.particles.memory.number))
+        some = self.near.state[BUSY]
+        for k in range(cut(self.points, first, some), cut(self.points, last, some)):
+            start = self.near.busy[k] * MAX_CONTACTS_PER_POINT
+            for contact in range(start, start + self.contacts.count[self.near.busy[k]]):
+                self._press(contact, x, v)
 
     @ti.func
-    def stopping(self, contact, depth, outwards):
-        """The dashpot [N·s/m] that a whole contact has in the core of what it touches."""
-        stops, core = ti.cast(0.0, float), self.contacts.core[contact]
-        if depth > core and outwards < 0.0:
-            a = self.lightest[self.near.jello[self.near.points[contact // AT_ONCE]]]
-            b = self.lightest[self.near.jello[self.near.points[self.contacts.corners[contact][0]]]]
-            hardness = self.stops[0] * ti.min(a[0], b[0]) + self.stops[1] * ti.min(a[1], b[1])
-            stops = hardness * ti.min(1.0, (depth - core) / (SOFT * core))
-        return stops
-
-    @ti.func
-    def press(self, contact, x, v):
-        """The force [N] of a contact on its point."""
-        n, depth, force = self.contacts.normal[contact], self.contacts.depth(contact, x), ti.Vector([0.0, 0.0, 0.0])
-        if ti.static(self.rubs):
-            self.tilt[contact] = force
+    def _press(self, contact, x, v):
+        """Store what a contact does to its point."""
+        depth, force, tilt = self.contacts.depth(contact, x), ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
         if depth > 0.0:
-            counts, law = (
-                self.contacts.part(contact // AT_ONCE) * self.contacts.share[contact],
-                self.contacts.law_of(contact),
-            )
-            slide = self.contacts.between(contact, v)
-            outwards = slide.dot(n)
-            damping = law[1] + self.stopping(contact, depth, outwards)
-            pressed = pressure(depth, outwards, counts * law[0], counts * damping)
+            pressed, _damped, rubbed, _heat, lean, damping = self._push(contact, depth, x, v)
+            force, tilt = pressed * self.contacts.normal[contact] + rubbed, lean
             self.damping[contact] = damping
-            force = pressed * n
-            if ti.static(self.rubs):
-                lever = -n.dot(self.contacts.between(contact, x))
-                slope_a, slope_b, turning = self.slopes(contact, n, v)
-                rubbed = rub(pressed, slide - outwards * n - lever * turning, law[2], counts * law[3])
-                a, b = lever * slope_a.dot(rubbed), lever * slope_b.dot(rubbed)
-                self.tilt[contact] = ti.Vector([a, b, -a - b])
-                force += rubbed
-        return force
+        self.force[contact] = force
+        if ti.static(self.rubs):
+            self.tilt[contact] = tilt
 
     @ti.func
-    def slopes(self, contact, n, v):
-        """Of a contact within a triangle: how the weights of its first two corners grow with the place, and Σ slope
-        (n · v), by how much what lies a metre below the triangle moves along it as it turns. Else zero."""
+    def _push(self, contact, depth, x, v):
+        """Of a contact at a depth [m]: the normal force [N], the power [W] of its dashpot, friction [N] and its power,
+        the forces along the normal that balance its torque on the corners, and the dashpot [N·s/m]."""
+        n, scale, law = self.contacts.normal[contact], self.contacts.scale(contact), self.contacts.law_of(contact)
+        slide = self.contacts.between(contact, v)
+        outwards = slide.dot(n)
+        damping = law[1] + self._core_damping(contact, depth, outwards)
+        pressed = pressure(depth, outwards, scale * law[0], scale * damping)
+        damped = (pressed - scale * law[0] * depth) * outwards
+        rubbed, tilt, heat = 0.0 * n, 0.0 * n, 0.0 * depth
+        if ti.static(self.rubs):
+            lever = -n.dot(self.contacts.between(contact, x))
+            slope_a, slope_b, turning = self._slopes(contact, n, v)
+            across = slide - outwards * n - lever * turning
+            stretch = self._along(contact, n, x) - self.bristles.offset[contact]
+            k, grip = scale * law[0], scale * law[3]
+            rubbed = friction_force(pressed, stretch, across, law[2], k, grip)
+            self.sticking[contact] = cone(k * stretch + grip * across, law[2] * pressed)
+            heat = rubbed.dot(across)
+            a, b = lever * slope_a.dot(rubbed), lever * slope_b.dot(rubbed)
+            tilt = ti.Vector([a, b, -a - b])
+        return pressed, damped, rubbed, heat, tilt, damping
+
+    @ti.func
+    def _along(self, contact, n, x):
+        """Of a field x, positions or velocities: by how much a contact's point differs along the surface from what
+        lies as deep below the touched place."""
+        apart, lever = self.contacts.between(contact, x), self.contacts.lever_when_found(contact)
+        return apart - apart.dot(n) * n - lever * self._slopes(contact, n, x)[2]
+
+    @ti.func
+    def _core_damping(self, contact, depth, outwards):
+        """The dashpot [N·s/m] that a whole contact has in the core of what it touches."""
+        damping, core = ti.cast(0.0, float), self.contacts.core[contact]
+        if depth > core and outwards < 0.0:
+            own, other = self.contacts.jellos(contact)
+            a, b = self.masses[own], self.masses[other]
+            hardness = self.rate[0] * ti.min(a[0], b[0]) + self.rate[1] * ti.min(a[1], b[1])
+            damping = hardness * ti.min(1.0, (depth - core) / (CORE_RAMP * core))
+        return damping
+
+    @ti.func
+    def _slopes(self, contact, n, v):
+        """Of a contact within a triangle: the gradients of the weights of its first two corners, and Σ gradient n · v:
+        how fast what lies a metre below the triangle moves along it as it turns. Else zero."""
         corners, weights = self.contacts.corners[contact], self.contacts.weights[contact]
         slope_a, slope_b, turning = 0.0 * n, 0.0 * n, 0.0 * n
         if weights[0] != 0.0 and weights[1] != 0.0 and weights[2] > 0.0:
-            a, b, c = (
-                self.contacts.place[corners[0]],
-                self.contacts.place[corners[1]],
-                self.contacts.place[corners[2]],
-            )
+            place = ti.static(self.contacts.place)
+            a, b, c = place[corners[0]], place[corners[1]], place[corners[2]]
             across = (b - a).cross(c - a)
             square = across.norm_sqr()
             if square > 0.0:
                 slope_a, slope_b = across.cross(c - b) / square, across.cross(a - c) / square
-                last = n.dot(self.near.at(corners[2], v))
-                turning = slope_a * (n.dot(self.near.at(corners[0], v)) - last)
-                turning += slope_b * (n.dot(self.near.at(corners[1], v)) - last)
+                last = n.dot(self.surface.at(corners[2], v))
+                turning = slope_a * (n.dot(self.surface.at(corners[0], v)) - last)
+                turning += slope_b * (n.dot(self.surface.at(corners[1], v)) - last)
         return slope_a, slope_b, turning
 
     @ti.func
-    def felt(self, q):
-        """The force [N] on a point."""
-        force = ti.Vector([0.0, 0.0, 0.0])
-        for k in range(self.contacts.rounds_of(q)):
-            contact, g = self.contacts.pressing(q, k)
-            if g != 0.0:
-                force += g * self.force[contact]
-                if ti.static(self.rubs):
-                    for k in ti.static(range(3)):
-                        if self.contacts.corners[contact][k] == q:
-                            force -= self.tilt[contact][k] * self.contacts.normal[contact]
-        return force
-
-    @ti.func
     def on(self, i, x, v, t):
-        force = ti.Vector([0.0, 0.0, 0.0])
-        if ti.static(self.near.skinned):
-            for k in range(self.first[i], self.first[i + 1]):
-                if self.contacts.listed[self.around[k]] > 0:
-                    force += self.in_it[k] * self.felt(self.around[k])
-        else:
-            if self.contacts.point_of[i] >= 0:
-                force = self.felt(self.contacts.point_of[i])
-        return force
-
-    @ti.func
-    def resists(self, q, c):
-        """The weights of a contact, without their signs, sum to 2: twice |g| times its block bounds what ties this
-        point to the others. It stiffens along its force; across, friction at its stickiest."""
-        total = even_block(ti.cast(0.0, float))
-        for k in range(self.contacts.rounds_of(q)):
-            contact, g = self.contacts.pressing(q, k)
-            law = self.contacts.law_of(contact)
-            pull = self.force[contact].norm()
-            if g != 0.0 and pull > 0.0:
-                across = ti.cast(0.0, float)
+        total = ti.Vector([0.0, 0.0, 0.0])
+        for k in range(self.first[i], self.first[i + 1]):
+            q, force = self.around[k], ti.Vector([0.0, 0.0, 0.0])
+            start = self.contacts.pressing_start[q]
+            for p in range(start, start + self.contacts.pressing_count[q]):
+                contact = self.contacts.pressing[p]
+                force += self.contacts.weight_in[p] * self.force[contact]
                 if ti.static(self.rubs):
-                    across = law[3] / c
-                both = 2.0 * ti.abs(g) * self.contacts.part(contact // AT_ONCE) * self.contacts.share[contact]
-                along = law[0] + self.damping[contact] / c
-                total += both * block(across, along, self.force[contact] / pull)
+                    for corner in ti.static(range(3)):
+                        if self.contacts.corners[contact][corner] == q:
+                            force -= self.tilt[contact][corner] * self.contacts.normal[contact]
+            total += self.part_in[k] * force
         return total
 
     @ti.func
     def curvature(self, i, x, v, t, c):
-        """That of the points that the particle belongs to, each times its part: the parts in one point sum to 1."""
+        """The weights of a contact, without their signs, sum to 2: twice |g| times its block bounds what ties a point
+        to the others. It stiffens along its force; across, as the friction that sticks now."""
         total = even_block(ti.cast(0.0, float))
-        if ti.static(self.near.skinned):
-            for k in range(self.first[i], self.first[i + 1]):
-                if self.contacts.listed[self.around[k]] > 0:
-                    total += self.in_it[k] * self.resists(self.around[k], c)
-        else:
-            if self.contacts.point_of[i] >= 0:
-                total = self.resists(self.contacts.point_of[i], c)
-        return total
-
-    @ti.func
-    def stored(self, q, x):
-        """½ k depth² of the contacts of a point; k as much as they count for."""
-        total = ti.cast(0.0, float)
-        for contact in range(q * AT_ONCE, q * AT_ONCE + self.contacts.own[q]):
-            depth = ti.max(0.0, self.contacts.depth(contact, x))
-            stiffness = self.contacts.part(q) * self.contacts.law_of(contact)[0] * self.contacts.share[contact]
-            total += 0.5 * stiffness * depth * depth
+        for k in range(self.first[i], self.first[i + 1]):
+            q, at_point = self.around[k], even_block(ti.cast(0.0, float))
+            start = self.contacts.pressing_start[q]
+            for p in range(start, start + self.contacts.pressing_count[q]):
+                contact = self.contacts.pressing[p]
+                law, pull = self.contacts.law_of(contact), self.force[contact].norm()
+                if pull > 0.0:
+                    across = ti.cast(0.0, float)
+                    if ti.static(self.rubs):
+                        across = self.sticking[contact] * (law[0] + law[3] / c)
+                    both = 2.0 * ti.abs(self.contacts.weight_in[p]) * self.contacts.scale(contact)
+                    along = law[0] + self.damping[contact] / c
+                    at_point += both * block(across, along, self.force[contact] / pull)
+            total += self.part_in[k] * at_point
         return total
 
     @ti.func
     def energy(self, i, x, t):
-        """A particle's part in what the points that it belongs to have stored."""
+        """The particle's part of ½ k depth² in the contacts of its points."""
         total = ti.cast(0.0, float)
-        if ti.static(self.near.skinned):
-            for k in range(self.first[i], self.first[i + 1]):
-                total += self.in_it[k] * self.stored(self.around[k], x)
-        else:
-            if self.contacts.point_of[i] >= 0:
-                total = self.stored(self.contacts.point_of[i], x)
-        return total
-
-    @ti.func
-    def lost(self, q, x, v):
-        """The power [W] of dashpots and of friction in the contacts of a point, as in `press`: (p - kδ)s and rub · w
-        for a pressure p and speeds s apart and w across."""
-        total = ti.Vector([0.0, 0.0])
-        for contact in range(q * AT_ONCE, q * AT_ONCE + self.contacts.own[q]):
-            n, depth = self.contacts.normal[contact], self.contacts.depth(contact, x)
-            if depth > 0.0:
-                counts, slide = self.contacts.part(q) * self.contacts.share[contact], self.contacts.between(contact, v)
-                law = self.contacts.law_of(contact)
-                outwards = slide.dot(n)
-                damping = law[1] + self.stopping(contact, depth, outwards)
-                pressed = pressure(depth, outwards, counts * law[0], counts * damping)
-                total[0] += (pressed - counts * law[0] * depth) * outwards
-                if ti.static(self.rubs):
-                    lever = -n.dot(self.contacts.between(contact, x))
-                    across = slide - outwards * n - lever * self.slopes(contact, n, v)[2]
-                    total[1] += rub(pressed, across, law[2], counts * law[3]).dot(across)
+        for k in range(self.first[i], self.first[i + 1]):
+            start, stored = self.around[k] * MAX_CONTACTS_PER_POINT, ti.cast(0.0, float)
+            for contact in range(start, start + self.contacts.count[self.around[k]]):
+                depth = ti.max(0.0, self.contacts.depth(contact, x))
+                stored += 0.5 * self.contacts.scale(contact) * self.contacts.law_of(contact)[0] * depth * depth
+            total += self.part_in[k] * stored
         return total
 
     @ti.func
     def powers(self, i, x, v, t):
-        """A particle's part in what the points that it belongs to lose."""
+        """The particle's part of the power of dashpots and friction in the contacts of its points."""
         total = ti.Vector([0.0, 0.0])
-        if ti.static(self.near.skinned):
-            for k in range(self.first[i], self.first[i + 1]):
-                total += self.in_it[k] * self.lost(self.around[k], x, v)
-        else:
-            if self.contacts.point_of[i] >= 0:
-                total = self.lost(self.contacts.point_of[i], x, v)
+        for k in range(self.first[i], self.first[i + 1]):
+            start = self.around[k] * MAX_CONTACTS_PER_POINT
+            for contact in range(start, start + self.contacts.count[self.around[k]]):
+                depth = self.contacts.depth(contact, x)
+                if depth > 0.0:
+                    _pressed, damped, _rubbed, heat, _tilt, _damping = self._push(contact, depth, x, v)
+                    total += self.part_in[k] * ti.Vector([damped, heat])
         return total
-
-    def set_state(self, law):
-        self.contacts.obey(law)
-
-    def begin_frame(self, start, end):
-        self.near.begin_frame(start)
-
-    def refresh(self, system, t, dt):
-        self.near.refresh(system, t, dt, self.frame_dt)
-
-    @property
-    def fresh(self):
-        return self.near.fresh
-
-    def forget(self):
-        self.near.fresh = False
-
-    @ti.func
-    def watch(self, first, last, x, v, t, dt):
-        self.near.watch(first, last, x, v, t, dt)
-
-    @ti.func
-    def stale(self):
-        return self.near.state[0]

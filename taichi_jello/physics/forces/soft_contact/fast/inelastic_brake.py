@@ -1,43 +1,43 @@
-"""Jellos too weak for their own speed: what comes into the core of another one is braked as a whole.
+"""Jellos too weak for their own speed: what comes into the core of another one is stopped as a whole.
 
-Springs of contact, however hard, stop only what touches. Where the springs behind that hold less energy than what comes
-has, the rest comes on through its own stopped front. So while points of one are in the core of another one, the two
-lose the speed at which they come at each other, as in an impact that is almost inelastic, and turn together as much
-as their momentum about each other then asks for: momentum and angular momentum stay as they are, energy only falls.
+Contact springs, however hard, stop only the points that touch. Where the springs behind these hold less energy than
+a jello brings, the rest of it comes on through its own stopped front. So while points of one jello are in the core of
+another, the two lose the speed at which they approach, as rigid bodies in an almost inelastic impact: momentum and
+angular momentum stay as they are, energy only falls. What may melt or tear is not stopped.
 """
 
 import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces.soft_contact.search.boxes import TINY
-from taichi_jello.physics.forces.soft_contact.search.neighbour_list import Neighbours
+from taichi_jello.physics.forces.soft_contact.surface.surface_fields import SurfaceFields
 from taichi_jello.physics.state import Memory
 
-BOUNCE = 0.1  # of the speed at which they came: with none, what was crushed may come apart on the other side
-WHOLE = 4096.0  # times a side's normal is summed, in whole numbers: in whatever order, the sum is the same
-AGREE = 0.5  # of a normal: what the mean of the sides is at least where they tell a way
-INTO = 0.1  # the cosine of a speed that leads that way, at least
-COMPACT, LONG = 1, 2  # what is firm and compact, or not
-SLIM = 1e-4  # of a round body's inertia and mass: what has less does not turn
+RESTITUTION = 0.1  # with none, what was crushed may come apart on the other side
+FIXED_POINT = 4096.0  # integers of this scale add up normals to the same in whatever order
+MEAN_NORMAL = 0.5  # the length of the mean normal from which on it gives a direction
+INTO = 0.1  # the least cosine between a velocity that leads deeper and that direction
+COMPACT, LONG = 1, 2  # what keeps its shape: compact solids, and all others
+SINGULAR = 1e-4  # of a round body's inertia and mass: what has less does not turn
 
 
 @ti.data_oriented
 class Brake:
-    """deep[J a + b]: whether one of the jellos a and b is in a core of the other one; any[0]: whether any is;
-    sides[J a + b]: the way out of b for a, the sum of normals, but for two compact solids, whose middles tell that, and
-    for a sheet with what is thin. What may melt or tear is not braked."""
+    """deep[J a + b]: whether one of jellos a and b is in a core of the other one; any[0]: whether any is.
+    sides[J a + b]: the sum of the normals along which a leaves b, and their number. Not for two compact solids, whose
+    centres give the direction, nor for a sheet and what is thin."""
 
-    def __init__(self, title: str, memory: Memory, near: Neighbours):
-        self.near, self.jellos = near, near.jellos
-        J, touching = near.jellos, near.touching
-        self.firm = memory.table(title, "firm jellos", np.where(touching.compact, COMPACT, ~touching.loose * LONG))
+    def __init__(self, title: str, memory: Memory, surface: SurfaceFields):
+        self.surface, self.jellos = surface, surface.jellos
+        J, shapes = surface.jellos, surface.touching.shapes
+        self.firm = memory.table(title, "firm jellos", np.where(shapes.compact, COMPACT, ~shapes.loose * LONG))
         self.deep = memory.zeros(title, "pairs in a core", (J * J,), whole=True)
         self.any = memory.zeros(title, "any in a core", (1,), whole=True)
-        self.sided = 0 < touching.solid < len(touching.nodes) or near.has_lines or touching.has_slender
+        self.sided = (surface.solid > 0 and surface.has_thin) or surface.has_rope_pairs or shapes.has_slender
         if self.sided:
             self.sides = memory.zeros(title, "sides of cores", (J * J, 4), whole=True)
         names = ("centres", "speeds", "spins", "pushes", "turns")
-        self.centre, self.speed, self.spin, self.push, self.turn = (
+        self.centre, self.velocity, self.spin, self.push, self.turn = (
             memory.zeros(title, f"{name} of jellos", (J, 3)) for name in names
         )
         self.inertia = memory.zeros(title, "inertia of jellos", (J, 9))
@@ -55,30 +55,26 @@ class Brake:
             self.any[0] = 0
 
     @ti.func
-    def notice(self, a, b):
-        """Jello a has a point in a core of jello b."""
-        if self.minds(a, b):
-            self.deep[a * self.jellos + b] = self.deep[b * self.jellos + a] = self.any[0] = 1
-
-    @ti.func
-    def notice_side(self, a, b, n):
-        """The same, and that the point is to leave along n."""
-        self.notice(a, b)
-        if self.minds(a, b):
-            for k in ti.static(range(3)):
-                part = ti.cast(ti.round(WHOLE * n[k]), int)
-                self.sides[a * self.jellos + b][k] += part
-                self.sides[b * self.jellos + a][k] -= part
-            self.sides[a * self.jellos + b][3] += 1
-            self.sides[b * self.jellos + a][3] += 1
-
-    @ti.func
-    def minds(self, a, b):
+    def _stops(self, a, b):
         return a != b and ti.min(self.firm[a], self.firm[b]) > 0
 
     @ti.func
-    def minds_sides(self, a, b):
-        return ti.max(self.firm[a], self.firm[b]) == LONG
+    def mark(self, a, b):
+        """Note that jello a has a point in a core of jello b."""
+        if self._stops(a, b):
+            self.deep[a * self.jellos + b] = self.deep[b * self.jellos + a] = self.any[0] = 1
+
+    @ti.func
+    def add_side(self, a, b, n):
+        """Note that this point leaves along n."""
+        if self._stops(a, b) and ti.max(self.firm[a], self.firm[b]) == LONG:
+            there, back = a * self.jellos + b, b * self.jellos + a
+            for k in ti.static(range(3)):
+                part = ti.cast(ti.round(FIXED_POINT * n[k]), int)
+                self.sides[there][k] += part
+                self.sides[back][k] -= part
+            self.sides[there][3] += 1
+            self.sides[back][3] += 1
 
     @ti.func
     def brake(self, system, first, last, x, v):
@@ -89,15 +85,15 @@ class Brake:
         from_ = system.share_of(first, self.jellos)
         to = ti.select(any_deep, system.share_of(last, self.jellos), from_)
         for j in range(from_, to):
-            self.weigh(system, j, x, v)
+            self._measure(system, j, x, v)
         if any_deep:
             system.wait_for_team()
         for j in range(from_, to):
-            self.push[j], self.turn[j] = self.all_pushes(j)
+            self.push[j], self.turn[j] = self._all_impacts(j)
         if any_deep:
             system.wait_for_team()
         for i in range(first, ti.select(any_deep, last, first)):
-            j, m = self.near.jello[i], self.free(system, i)
+            j, m = self.surface.jello[i], self._free_mass(system, i)
             push = self.push[j] + self.turn[j].cross(x[i] - self.centre[j])
             if m > 0.0 and push.norm_sqr() > 0.0:
                 if ti.static(system.books):
@@ -105,92 +101,94 @@ class Brake:
                 v[i] = v[i] + push
 
     @ti.func
-    def free(self, system, i):
+    def _free_mass(self, system, i):
         """The mass [kg] of particle i if it can move, else 0."""
         return ti.select(system.particles.inverse_mass(i) > 0.0, system.particles.mass(i), 0.0)
 
     @ti.func
-    def weigh(self, system, j, x, v):
-        """The mass, centre, speed, inertia and angular momentum of what is free of jello j, and how many others brake
-        it."""
-        mass, centre, speed, pairs = ti.cast(0.0, float), 0.0 * x[0], 0.0 * v[0], ti.cast(0.0, float)
+    def _measure(self, system, j, x, v):
+        """The mass, centre, velocity, inertia and angular momentum of the particles of jello j that can move, and how
+        many other jellos are deep in it or it in them."""
+        mass, centre, velocity, pairs = ti.cast(0.0, float), 0.0 * x[0], 0.0 * v[0], ti.cast(0.0, float)
         for k in range(self.jellos):
             pairs += ti.cast(self.deep[j * self.jellos + k], float)
         if pairs > 0.0:
-            for i in range(self.near.first[j], self.near.first[j + 1]):
-                m = self.free(system, i)
+            first, last = self.surface.first[j], self.surface.first[j + 1]
+            for i in range(first, last):
+                m = self._free_mass(system, i)
                 mass += m
                 centre += m * x[i]
-                speed += m * v[i]
-            centre, speed = centre / ti.max(mass, TINY), speed / ti.max(mass, TINY)
+                velocity += m * v[i]
+            centre, velocity = centre / ti.max(mass, TINY), velocity / ti.max(mass, TINY)
             inertia, spin = ti.Matrix.zero(float, 3, 3), 0.0 * v[0]
-            for i in range(self.near.first[j], self.near.first[j + 1]):
-                arm, m = x[i] - centre, self.free(system, i)
-                inertia += m * lever(arm)
-                spin += m * arm.cross(v[i] - speed)
+            for i in range(first, last):
+                arm, m = x[i] - centre, self._free_mass(system, i)
+                inertia += m * point_inertia(arm)
+                spin += m * arm.cross(v[i] - velocity)
             for k in ti.static(range(9)):
                 self.inertia[j][k] = inertia[k // 3, k % 3]
-            self.centre[j], self.speed[j], self.spin[j] = centre, speed, spin
+            self.centre[j], self.velocity[j], self.spin[j] = centre, velocity, spin
         self.mass[j], self.pairs[j] = mass, pairs
 
     @ti.func
-    def all_pushes(self, j):
-        """By how much [m/s] the centre of jello j, and [rad/s] its turning, is braked by all others in whose core it
-        is, or they in its own. Each pair has its share of what both stand."""
-        push, turn = 0.0 * self.speed[j], 0.0 * self.speed[j]
+    def _all_impacts(self, j):
+        """The change of velocity [m/s] and of angular velocity [rad/s] of jello j by the impacts with all that it is
+        deep in; of jellos with several impacts each counts for its share."""
+        push, turn = 0.0 * self.velocity[j], 0.0 * self.velocity[j]
         for k in range(self.jellos):
             if self.deep[j * self.jellos + k] == 1 and ti.min(self.mass[j], self.mass[k]) > 0.0:
-                way, speed = self.centre[j] - self.centre[k], self.speed[j] - self.speed[k]
-                d = speed
-                if way.dot(speed) >= 0.0:
-                    d = self.deeper(j, k, speed)
+                arm, velocity = self.centre[j] - self.centre[k], self.velocity[j] - self.velocity[k]
+                d = velocity
+                if arm.dot(velocity) >= 0.0:
+                    d = self._deeper(j, k, velocity)
                 if d.any():
-                    lost, whirl = self.lost(j, k, way, speed, d / ti.max(d.norm(), TINY))
+                    change, spin = self._impact(j, k, arm, velocity, d / ti.max(d.norm(), TINY))
                     share = 1.0 / ti.max(self.pairs[j], self.pairs[k])
                     other = self.mass[k] / (self.mass[j] + self.mass[k])
-                    push += share * (lost + whirl.cross(other * way))
-                    turn += share * whirl
+                    push += share * (change + spin.cross(other * arm))
+                    turn += share * spin
         return push, turn
 
     @ti.func
-    def deeper(self, j, k, speed):
-        """The way into jello k that j, beside it at `speed`, goes on by the sides on which they touch, if these agree;
-        else zero: the middle of what is thin and drawn round a bar, or through a ring, may have passed the other's."""
-        way = 0.0 * speed
+    def _deeper(self, j, k, velocity):
+        """The direction into jello k at the sides where jello j touches it, if these agree and j moves that way beside
+        it, else zero. The middle of a thin jello that is drawn round a bar, or through a ring, may be past the other
+        one's."""
+        into = 0.0 * velocity
         if ti.static(self.sided):
             side = self.sides[j * self.jellos + k]
             for axis in ti.static(range(3)):
-                way[axis] = -ti.cast(side[axis], float) / WHOLE
-            size = way.norm()
-            if size < AGREE * ti.cast(side[3], float) or way.dot(speed) < INTO * size * speed.norm():
-                way *= 0.0
-        return way
+                into[axis] = -ti.cast(side[axis], float) / FIXED_POINT
+            size = into.norm()
+            if size < MEAN_NORMAL * ti.cast(side[3], float) or into.dot(velocity) < INTO * size * velocity.norm():
+                into *= 0.0
+        return into
 
     @ti.func
-    def lost(self, j, k, way, speed, d):
-        """The impulse that takes from jellos j and k, at `way` from each other, what it can of the energy of the
-        `speed` between them: along d, and with a turning of both about their common centre, so that their
-        angular momentum stays. Returns what it adds to the speed of j, and that turning."""
+    def _impact(self, j, k, arm, velocity, d):
+        """The impact along d of jellos j and k, with the centre of j at `arm` from that of k and moving at `velocity`
+        beside it: the change of velocity of j, and the angular velocity about their common centre that
+        both gain, so that angular momentum stays."""
         a, b = self.mass[j], self.mass[k]
         reduced = a * b / (a + b)
-        inertia = reduced * lever(way)
+        inertia = reduced * point_inertia(arm)
         for r in ti.static(range(3)):
             for c in ti.static(range(3)):
                 inertia[r, c] += self.inertia[j][3 * r + c] + self.inertia[k][3 * r + c]
-        arm = reduced * way.cross(d)
-        whirl = ti.Vector([0.0, 0.0, 0.0])
+        torque = reduced * arm.cross(d)
+        spin = ti.Vector([0.0, 0.0, 0.0])
         size = ti.max(inertia.trace(), TINY)
         inertia /= size
-        if inertia.determinant() > SLIM:
-            whirl = -(inertia.inverse() @ arm) / size
-        momentum = self.spin[j] + self.spin[k] + reduced * way.cross(speed)
-        along = reduced * speed.dot(d) + whirl.dot(momentum)
-        weight = reduced + whirl.dot(arm)
-        amount = -(1.0 + BOUNCE) * ti.max(0.0, along) / ti.max(weight, SLIM * reduced)
-        return amount * b / (a + b) * d, amount * whirl
+        if inertia.determinant() > SINGULAR:
+            spin = -(inertia.inverse() @ torque) / size
+        momentum = self.spin[j] + self.spin[k] + reduced * arm.cross(velocity)
+        along = reduced * velocity.dot(d) + spin.dot(momentum)
+        weight = reduced + spin.dot(torque)
+        amount = -(1.0 + RESTITUTION) * ti.max(0.0, along) / ti.max(weight, SINGULAR * reduced)
+        return amount * b / (a + b) * d, amount * spin
 
 
 @ti.func
-def lever(arm):
+def point_inertia(arm):
     """The inertia of a unit of mass on an arm."""
     return arm.norm_sqr() * ti.Matrix.identity(float, 3) - arm.outer_product(arm)

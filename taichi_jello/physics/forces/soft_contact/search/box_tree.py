@@ -29,6 +29,11 @@ class BoxTree:
     leaf: np.ndarray
     behind: np.ndarray
 
+    @property
+    def is_leaf(self) -> np.ndarray:
+        """(K,) bool."""
+        return self.skip == np.arange(1, len(self.skip) + 1)
+
     @classmethod
     def of(cls, owner: np.ndarray, middle: np.ndarray, single: np.ndarray) -> "BoxTree":
         """owner (E,): the jello of each element; middle (E, 3): where it is in the undeformed body; single (J,) bool:

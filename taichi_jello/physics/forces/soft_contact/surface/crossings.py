@@ -1,7 +1,7 @@
 """Jellos that begin crossed, an edge of one through a face of another (NumPy only).
 
-What only touches is not crossed: the second of two jellos is looked at in eight places a little beside its own, and
-two are crossed that are so in all of them. No edge lies in the plane of a face there.
+Touching is not crossing: two jellos are crossed if they are so with the second one shifted a little in each of eight
+directions. Shifted, no edge lies in the plane of a face.
 """
 
 from collections.abc import Iterator
@@ -11,16 +11,15 @@ import numpy as np
 
 from taichi_jello.scene.body import Body
 
-ASIDE = 1e-3  # of the shortest edge
-SHIFTS = ASIDE * (2.0 * np.indices((2, 2, 2)).reshape(3, -1).T - 1.0) * [1.0, 0.7, 0.5]
-FEW = 2**16  # pairs of an edge and a triangle that are looked at together
+SHIFTS = 1e-3 * (2.0 * np.indices((2, 2, 2)).reshape(3, -1).T - 1.0) * [1.0, 0.7, 0.5]  # shortest edges
+PAIRS_AT_ONCE = 2**16  # of an edge and a triangle that are tested together
 
 
 @dataclass(frozen=True)
 class Surfaces:
-    """What jellos show of themselves: the edges (E, 2) and triangles (T, 3) of their surfaces, and the segments of
-    ropes among the edges. They count particles, then the points of skins. edge_owner (E,) and owner (T,): the jello of
-    each; solid (J,) bool: which jellos have cells."""
+    """The edges (E, 2) and triangles (T, 3) of the surfaces of all jellos, with the segments of ropes among the edges.
+    They index particles, then the points of skins. edge_owner (E,), owner (T,): the jello of each; solid (J,) bool:
+    which jellos have cells."""
 
     body: Body
     edges: np.ndarray
@@ -41,16 +40,16 @@ class Surfaces:
         return cls(body, edges, triangles, whose[edges[:, 0]], whose[triangles[:, 0]], solid)
 
     def places(self, x: np.ndarray) -> np.ndarray:
-        """(P, 3) of all that edges and triangles count, with the particles at x (N, 3)."""
+        """(P, 3) [m] the points that edges and triangles index, with the particles at x (N, 3)."""
         return np.concatenate([x, self.body.skin_points(x)])
 
 
 def crossings(surfaces: Surfaces) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Each two jellos that begin crossed, and a place (3,) where they are."""
+    """The pairs of jellos that begin crossed, each with a place (3,) where they are."""
     place = surfaces.places(surfaces.body.x.astype(float))
     jellos = range(len(surfaces.solid))
-    ends = by_owner(place[surfaces.edges], surfaces.edge_owner, len(jellos))
-    corners = by_owner(place[surfaces.triangles], surfaces.owner, len(jellos))
+    ends = [place[surfaces.edges[surfaces.edge_owner == j]] for j in jellos]
+    corners = [place[surfaces.triangles[surfaces.owner == j]] for j in jellos]
     some = np.array([j for j in jellos if len(ends[j])], int)
     low, high = (np.array([f(ends[j].reshape(-1, 3), 0) for j in some]) for f in (np.min, np.max))
     pairs = np.argwhere(np.triu(meet(low[:, None], high[:, None], low, high), 1))
@@ -60,15 +59,8 @@ def crossings(surfaces: Surfaces) -> Iterator[tuple[int, int, np.ndarray]]:
             yield a, b, where
 
 
-def by_owner(shapes: np.ndarray, owner: np.ndarray, count: int) -> list[np.ndarray]:
-    """Those of each owner."""
-    order = np.argsort(owner, kind="stable")
-    return np.split(shapes[order], np.searchsorted(owner[order], np.arange(1, count)))
-
-
 def crossed(ends: np.ndarray, corners: np.ndarray, its_ends: np.ndarray, its_corners: np.ndarray) -> np.ndarray | None:
-    """A place (3,) where two surfaces of edges with `ends` (E, 2, 3) and triangles with `corners` (T, 3, 3) cross, if
-    they do."""
+    """A place (3,) where two surfaces of edges (E, 2, 3) and triangles (T, 3, 3) cross, if they do."""
     shortest = min(np.linalg.norm(line[:, 1] - line[:, 0], axis=1).min() for line in (ends, its_ends))
     where = None
     for shift in shortest * SHIFTS:
@@ -76,35 +68,29 @@ def crossed(ends: np.ndarray, corners: np.ndarray, its_ends: np.ndarray, its_cor
         if where is None:
             where = pierced(its_ends + shift, corners)
         if where is None:
-            return None
+            break
     return where
 
 
 def pierced(ends: np.ndarray, corners: np.ndarray) -> np.ndarray | None:
-    """A place (3,) where one of the lines between `ends` (E, 2, 3) goes through one of the triangles with `corners`
-    (T, 3, 3), if one does. The larger part is halved across its longest way until few are left in the same box."""
-    if not len(ends) or not len(corners):
-        return None
-    ends = ends[meet(ends.min(1), ends.max(1), corners.min((0, 1)), corners.max((0, 1)))]
-    if not len(ends):
-        return None
-    corners = corners[meet(corners.min(1), corners.max(1), ends.min((0, 1)), ends.max((0, 1)))]
-    if len(ends) * len(corners) <= FEW:
+    """A place (3,) where one of the edges (E, 2, 3) goes through one of the triangles (T, 3, 3), if one does. The
+    larger set is halved across its longest axis until few pairs are in the same box."""
+    low, high = corners.min((0, 1), initial=np.inf), corners.max((0, 1), initial=-np.inf)
+    ends = ends[meet(ends.min(1), ends.max(1), low, high)]
+    low, high = ends.min((0, 1), initial=np.inf), ends.max((0, 1), initial=-np.inf)
+    corners = corners[meet(corners.min(1), corners.max(1), low, high)]
+    if len(ends) * len(corners) <= PAIRS_AT_ONCE:
         i, j = np.nonzero(meet(ends.min(1)[:, None], ends.max(1)[:, None], corners.min(1), corners.max(1)))
         found = np.flatnonzero(goes_through(ends[i], corners[j]))
         return where_through(ends[i[found[0]]], corners[j[found[0]]]) if len(found) else None
-    for half in halves(ends if len(ends) > len(corners) else corners):
-        where = pierced(half, corners) if len(ends) > len(corners) else pierced(ends, half)
+    larger = max(ends, corners, key=len)
+    middle = larger.mean(1)
+    order = np.argsort(middle[:, np.ptp(middle, axis=0).argmax()])
+    for half in np.array_split(larger[order], 2):
+        where = pierced(half, corners) if larger is ends else pierced(ends, half)
         if where is not None:
             return where
     return None
-
-
-def halves(shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Half of the shapes (K, n, 3) that lie to one side, and the others."""
-    middle = shapes.mean(1)
-    order = np.argsort(middle[:, np.ptp(middle, axis=0).argmax()])
-    return shapes[order[: len(order) // 2]], shapes[order[len(order) // 2 :]]
 
 
 def meet(low: np.ndarray, high: np.ndarray, other_low: np.ndarray, other_high: np.ndarray) -> np.ndarray:
@@ -114,23 +100,18 @@ def meet(low: np.ndarray, high: np.ndarray, other_low: np.ndarray, other_high: n
 
 
 def goes_through(ends: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(...) bool: whether the lines between `ends` (..., 2, 3) go through the triangles with `corners` (..., 3, 3)."""
+    """(...) bool: whether the edges (..., 2, 3) go through the triangles (..., 3, 3)."""
     start, way = ends[..., 0, :], ends[..., 1, :] - ends[..., 0, :]
     a, b, c = (corners[..., k, :] - start for k in range(3))
-    volumes = np.stack([dot(way, np.cross(u, w)) for u, w in ((b, c), (c, a), (a, b))])  # of one sign inside
+    volumes = np.stack([(way * np.cross(u, w)).sum(-1) for u, w in ((b, c), (c, a), (a, b))])  # of one sign inside
     normal = np.cross(b - a, c - a)
-    found: np.ndarray = (volumes.min(0) > 0.0) | (volumes.max(0) < 0.0)
-    return found & (dot(a, normal) * dot(a - way, normal) < 0.0)
+    inside: np.ndarray = (volumes.min(0) > 0.0) | (volumes.max(0) < 0.0)
+    return inside & ((a * normal).sum(-1) * ((a - way) * normal).sum(-1) < 0.0)
 
 
 def where_through(ends: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(3,) where a line that goes through a triangle does."""
+    """(3,) where an edge goes through a triangle."""
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
     before, behind = np.abs((ends - corners[0]) @ normal)
     place: np.ndarray = (behind * ends[0] + before * ends[1]) / (before + behind)
     return place
-
-
-def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    product: np.ndarray = np.einsum("...d,...d->...", *np.broadcast_arrays(a, b))
-    return product
