@@ -4,7 +4,8 @@ import runpy
 import traceback
 from pathlib import Path
 
-from taichi_jello.scene.description import Scene, SceneError
+from taichi_jello.scene.description import Scene
+from taichi_jello.scene.validation import SceneError, cut, shown
 
 SUFFIX = ".py"
 
@@ -17,6 +18,14 @@ def _place(path: Path, error: BaseException) -> str:
     return f"line {lines[-1]}: " if lines else ""
 
 
+def _said(error: BaseException) -> str:
+    """The first line of an error's message."""
+    try:
+        return cut(str(error).partition("\n")[0], 200)
+    except Exception:
+        return "its message cannot be shown"
+
+
 def load(path: Path) -> Scene:
     try:
         names = runpy.run_path(str(path), run_name="taichi_jello_scene")
@@ -25,9 +34,11 @@ def load(path: Path) -> Scene:
         made = names["scene"]()
     except SceneError as error:
         raise SceneError("", f"{_place(path, error)}{error}") from error
-    except (Exception, SystemExit) as error:
-        problem = f"it fails with {type(error).__name__}: {str(error).partition(chr(10))[0]}"
-        raise SceneError("", f"{_place(path, error)}{problem}") from error
+    except KeyboardInterrupt as error:
+        raise KeyboardInterrupt(f"{path}: {_place(path, error)}stopped while it was loaded") from None
+    except BaseException as error:  # a file may raise anything
+        raise SceneError("", f"{_place(path, error)}it fails with {type(error).__name__}: {_said(error)}") from error
     if not isinstance(made, Scene):
-        raise SceneError("scene", f"expected scene() to return a Scene, got {made!r}")
+        line = names["scene"].__code__.co_firstlineno if hasattr(names["scene"], "__code__") else 1
+        raise SceneError("", f"line {line}: scene: expected scene() to return a Scene, got {shown(made)}")
     return made
