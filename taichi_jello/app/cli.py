@@ -74,6 +74,10 @@ def make_simulation(chosen: argparse.Namespace, scene: Scene) -> Simulation:
         if error.key in ("dt", "substeps"):  # options, not top-level keys of a scene
             raise Mistake(f"--{error}") from None
         raise Mistake(str(sceneio.located(chosen.scene, error))) from None
+    except Exception as error:
+        if problem := sceneio.failure(chosen.scene, error):
+            raise Mistake(str(problem)) from None
+        raise
     if chosen.from_state:
         with mistakes(f"--from {chosen.from_state}: ", OSError, ValueError, TypeError):
             simulation.restore(last_moment(Path(chosen.from_state), simulation.body))

@@ -211,7 +211,7 @@ class Jello(Checked):
 
     def body(self) -> Body:
         """Its points, springs and skin."""
-        raise TypeError(f"{type(self).__name__} must define body()")
+        raise SceneError("", f"expected {type(self).__name__} to define body()")
 
     def with_files_in(self, folder: Path) -> "Jello":
         """The same jello with the paths of its files relative to `folder` resolved."""

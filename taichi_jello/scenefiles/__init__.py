@@ -2,11 +2,13 @@
 
 import ast
 import sys
+import traceback
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 from taichi_jello.scene.description import Scene, SceneError
+from taichi_jello.scenefiles import python
 from taichi_jello.support.plugins import modules
 
 
@@ -75,6 +77,15 @@ def located(name: str, error: SceneError) -> SceneError:
     line_of = getattr(formats().get(path.suffix.lower()), "line_of", None)
     line = line_of(path.read_text(encoding="utf-8-sig"), error.key) if line_of and error.key else None
     return SceneError(name, str(error) if line is None else f"line {line}: {error}")
+
+
+def failure(name: str, error: Exception) -> SceneError | None:
+    """The error in one line, if code of a Python scene raised it after it was loaded."""
+    path = _path(name)
+    frames = traceback.walk_tb(error.__traceback__)
+    if path.suffix.lower() != python.SUFFIX or all(frame.f_code.co_filename != str(path) for frame, _ in frames):
+        return None
+    return SceneError(name, str(python.failure(path, error)))
 
 
 def _path(name: str) -> Path:

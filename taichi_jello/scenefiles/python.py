@@ -11,19 +11,20 @@ SUFFIX = ".py"
 
 
 def _place(path: Path, error: BaseException) -> str:
-    """The last line of the file in an error's traceback."""
+    """The last line of the file in an error's traceback; empty if there is none."""
     lines = [line for frame, line in traceback.walk_tb(error.__traceback__) if frame.f_code.co_filename == str(path)]
     if isinstance(error, SyntaxError) and error.filename == str(path):
         lines.append(error.lineno or 1)
     return f"line {lines[-1]}: " if lines else ""
 
 
-def _said(error: BaseException) -> str:
-    """The first line of an error's message."""
+def failure(path: Path, error: BaseException) -> SceneError:
+    """An error that the file's code raised, with its line."""
     try:
-        return cut(str(error).partition("\n")[0], 200)
+        text = cut(f": {error}".partition("\n")[0], 200).removesuffix(": ")
     except Exception:
-        return "its message cannot be shown"
+        text = ", whose message cannot be shown"
+    return SceneError("", f"{_place(path, error)}it fails with {type(error).__name__}{text}")
 
 
 def load(path: Path) -> Scene:
@@ -37,7 +38,7 @@ def load(path: Path) -> Scene:
     except KeyboardInterrupt as error:
         raise KeyboardInterrupt(f"{path}: {_place(path, error)}stopped while it was loaded") from None
     except BaseException as error:  # a file may raise anything
-        raise SceneError("", f"{_place(path, error)}it fails with {type(error).__name__}: {_said(error)}") from error
+        raise failure(path, error) from error
     if not isinstance(made, Scene):
         line = names["scene"].__code__.co_firstlineno if hasattr(names["scene"], "__code__") else 1
         raise SceneError("", f"line {line}: scene: expected scene() to return a Scene, got {shown(made)}")

@@ -64,6 +64,8 @@ class CallableField(Force):
     def check(self) -> dict[str, Any]:
         if not callable(self.function):
             raise SceneError("function", f"expected a Python function, got {shown(self.function)}")
+        if getattr(self.function, "__name__", "") == "<lambda>":
+            raise SceneError("function", "expected a function defined with def, Taichi compiles no lambda")
         try:
             inspect.signature(self.function).bind("x", "v", "t")
         except TypeError as error:
