@@ -46,7 +46,9 @@ def key_lines(text: str) -> dict[tuple[str, ...], int]:
             found[table] = number
             continue
         elif depth == 0 and (key := KEY.match(line)):
-            found.setdefault(table + _parts(key[1]), number)
+            parts = _parts(key[1])
+            found.setdefault(table + parts, number)
+            found.setdefault(table + parts[:1], number)
             line = key[2]
         texts = TEXT.findall(line)
         if texts and texts[-1][:3] in MULTILINE and (len(texts[-1]) < 6 or texts[-1][:3] != texts[-1][-3:]):

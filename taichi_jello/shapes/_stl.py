@@ -43,7 +43,7 @@ def _binary(data: bytes, count: int, file: str) -> np.ndarray:
 def _text(data: bytes) -> np.ndarray:
     """(T, 3, 3) corners."""
     corners: list[tuple[float, ...]] = []
-    number, begun = 0, 0  # corners before this triangle
+    number, begun, facets = 0, 0, 0  # begun: corners before this triangle
     for number, line in enumerate(data.splitlines(), 1):
         keyword, *words = line.lower().split() or [b""]
         if keyword == b"vertex":
@@ -53,10 +53,12 @@ def _text(data: bytes) -> np.ndarray:
                 got = shown(line.decode(errors="replace"))
                 raise MeshProblem(f"line {number}: expected vertex and three numbers, got {got}") from None
             corners.append((x, y, z))
+        elif keyword == b"facet":
+            facets += 1
         elif keyword == b"endloop":
             if len(corners) != begun + 3:
                 raise MeshProblem(f"line {number}: expected three vertices before it, got {len(corners) - begun}")
             begun += 3
-    if len(corners) != begun:
+    if len(corners) != begun or begun < 3 * facets:
         raise MeshProblem(f"line {number}: expected endloop after three vertices, the file is cut short")
     return np.array(corners, float).reshape(-1, 3, 3)
