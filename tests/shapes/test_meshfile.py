@@ -231,7 +231,7 @@ def test_stl_as_text(mesh, problem):
     assert "line 4: expected vertex and three numbers" in problem(
         stl_text().replace("vertex 0 0 0", "vertex 0 0 nought", 1), "x.stl"
     )
-    assert "it is cut short" in problem(stl_text()[:150], "cut.stl")
+    assert "the file is cut short" in problem(stl_text()[:150], "cut.stl")
     assert "it is cut short or of another kind" in problem(stl()[:-60], "cut.stl")
 
 
