@@ -36,17 +36,19 @@ class Text:
     def __init__(self, data: bytes, at: int):
         first = len(data[:at].splitlines()) + 1
         self.rows = [row for row in enumerate(data[at:].splitlines(), first) if row[1].strip()]
-        self.next, self.words = 0, [b""]
+        self.next, self.words, self.taken = 0, [b""], 0
 
     def begin_row(self) -> None:
-        self.words = self.rows[self.next][1].split()[::-1] if self.next < len(self.rows) else []
-        self.next += 1
+        self.words = self.rows[self.next][1].split() if self.next < len(self.rows) else []
+        self.next, self.taken = self.next + 1, 0
 
     def take(self, kind: str, count: int) -> list[float]:
         """The next numbers of the row. Raises ValueError or IndexError."""
-        if count > len(self.words):
+        words = self.words[self.taken : self.taken + count]
+        self.taken += count
+        if len(words) < count or count < 0:
             raise IndexError
-        return [float(self.words.pop()) if kind in "fd" else int(self.words.pop()) for _ in range(count)]
+        return list(map(float if kind in "fd" else int, words))
 
     def place(self, element: Element, first: int, row: int) -> str:
         """Of a row of an element that begins with row `first` of the file."""
