@@ -12,7 +12,6 @@ from taichi_jello.shapes._meshfile import flaws, read
 from taichi_jello.shapes.mesh import volume
 from taichi_jello.support import runtime
 
-pytest.importorskip("trimesh")
 MESHES = scenefiles.demos()["rabbit"].parent / "meshes"
 
 

@@ -21,6 +21,7 @@ from taichi_jello.run.replay import Recorded, Replay, Replayed, ReplayError, pla
 from taichi_jello.run.simulation import Simulation
 from taichi_jello.run.trajectory import Trajectory, last_moment
 from taichi_jello.scene.description import Scene, SceneError
+from taichi_jello.scene.validation import printable
 from taichi_jello.scenefiles._table import changed
 from taichi_jello.studies._report import FIGURES, Lacking, write_csv, write_json
 from taichi_jello.support import interrupt, runtime
@@ -73,8 +74,12 @@ def make_simulation(chosen: argparse.Namespace, scene: Scene) -> Simulation:
         if error.key in ("dt", "substeps"):  # options, not top-level keys of a scene
             raise Mistake(f"--{error}") from None
         raise Mistake(str(sceneio.located(chosen.scene, error))) from None
+    except Exception as error:
+        if problem := sceneio.failure(chosen.scene, error):
+            raise Mistake(str(problem)) from None
+        raise
     if chosen.from_state:
-        with mistakes(f"--from {chosen.from_state}: ", OSError, ValueError):
+        with mistakes(f"--from {chosen.from_state}: ", OSError, ValueError, TypeError):
             simulation.restore(last_moment(Path(chosen.from_state), simulation.body))
     if simulation.method_told and chosen.command in ("run", "shot", "video"):
         say(chosen, simulation.method_told)
@@ -99,7 +104,7 @@ def make_run(chosen: argparse.Namespace, scene: Scene) -> tuple[Simulation | Rep
 def output(name: str, *suffixes: str, option: str = "-o") -> Path:
     """The path of an output file, checked before any work is done."""
     path = Path(name)
-    if suffixes and path.suffix not in suffixes:
+    if suffixes and path.suffix.lower() not in suffixes:
         raise Mistake(f"{option} {name}: expected a name ending in {' or '.join(suffixes)}")
     if path.is_dir() or not path.parent.is_dir():
         raise Mistake(f"{option} {name}: expected a file in a folder that exists")
@@ -285,7 +290,9 @@ def do_study(chosen: argparse.Namespace) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command. Exit status: 0 done, 2 invalid call or scene, 3 diverged, 130 Ctrl-C."""
-    warnings.showwarning = lambda message, *_, **__: print(f"jello: warning: {message}", file=sys.stderr)
+    warnings.showwarning = lambda message, *_, **__: print(
+        f"jello: warning: {printable(str(message))}", file=sys.stderr
+    )
     with interrupt.heeded():
         try:
             parser = options()
@@ -294,7 +301,7 @@ def main(arguments: list[str] | None = None) -> int:
                 parser.error("expected a command")
             globals()[f"do_{chosen.command}"](chosen)
         except (Mistake, SceneError, ReplayError, runtime.RuntimeProblem) as error:
-            print(f"jello: {'--replay ' * isinstance(error, ReplayError)}{error}", file=sys.stderr)
+            print(printable(f"jello: {'--replay ' * isinstance(error, ReplayError)}{error}"), file=sys.stderr)
             return 2
         except Diverged as error:
             print(f"jello: {error}", file=sys.stderr)
@@ -304,7 +311,9 @@ def main(arguments: list[str] | None = None) -> int:
         except OSError as error:
             print(f"jello: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
             return 2
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as error:
+            if str(error):
+                print(f"jello: {printable(str(error))}", file=sys.stderr)
             return 130
         except Exception:
             if interrupt.asked():  # Python turns it into RuntimeError inside a class

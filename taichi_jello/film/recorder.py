@@ -55,9 +55,10 @@ class Film:
     ):
         self.path, self.size, self._keep = Path(path), size, keep
         known = writers()
-        if self.path.suffix not in known:
+        suffix = self.path.suffix.lower()
+        if suffix not in known:
             raise FilmProblem(f"expected a name ending in {', '.join(known)}")
-        self._format = known[self.path.suffix]
+        self._format = known[suffix]
         self.takes = self._format.frame
         if self._format.sequence and (self.path.name.count("%") != 1 or not PATTERN.search(self.path.name)):
             raise FilmProblem(f"expected a number in the name of each frame, as in name-%04d{self.path.suffix}")

@@ -10,12 +10,14 @@ from taichi_jello.scene.description import Jello, Scene
 from taichi_jello.scene.keyframes import offset
 from taichi_jello.scene.material import material
 from taichi_jello.scene.region import places, with_regions
-from taichi_jello.scene.validation import SceneError
+from taichi_jello.scene.validation import SceneError, shown
 
 
 def built(jello: Jello) -> Body:
     """The Body of one jello, with its material and regions."""
     body = jello.body()
+    if not isinstance(body, Body):
+        raise SceneError("", f"expected {type(jello).__name__}.body() to return a Body, got {shown(body)}")
     for name in ("x", "v"):
         if (given := getattr(jello, name)) is not None:
             if len(given) != len(body):

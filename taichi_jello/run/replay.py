@@ -20,6 +20,7 @@ from taichi_jello.physics.forces.wind import with_wind
 from taichi_jello.run.simulation import Simulation
 from taichi_jello.run.snapshot import Snapshot
 from taichi_jello.scene.description import Camera, Scene
+from taichi_jello.scene.validation import shown
 from taichi_jello.support.wording import counted
 
 FORMAT = 2
@@ -141,10 +142,10 @@ class Replay:
         try:
             self.header = json.loads(lines[0])
             version = self.header["jello_play"]
-        except (IndexError, ValueError, KeyError, TypeError):
+        except (IndexError, ValueError, KeyError, TypeError, RecursionError):
             raise ReplayError(f"{path}: expected a recorded play of `jello play --log`") from None
         if version != FORMAT:
-            raise ReplayError(f"{path}: expected format {FORMAT}, got {version}; record it again")
+            raise ReplayError(f"{path}: expected format {FORMAT}, got {shown(version)}; record it again")
         self.path = path
         calls = [self._read(number, line) for number, line in enumerate(lines[1:], 2)]
         self.calls = sorted(calls, key=lambda call: call["frame"])
@@ -155,7 +156,7 @@ class Replay:
             call = json.loads(line, parse_constant=_refuse) | {"line": number}
             if isinstance(call["frame"], int) and call["call"] in (*CALLS, "end"):
                 return {"with": [], "named": {}} | call
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             pass
         raise ReplayError(f"{self.path}: line {number}: expected a call of a recorded play, with finite numbers")
 
@@ -163,7 +164,8 @@ class Replay:
         """Raise ReplayError if the simulation is not the one that was played."""
         for name, mine in header(simulation).items():
             if self.header.get(name) != mine:
-                other = "another scene" if name == "scene" else f"{name} {self.header.get(name)!r}, this is {mine!r}"
+                played = shown(self.header.get(name))
+                other = "another scene" if name == "scene" else f"{name} {played}, this is {mine!r}"
                 raise ReplayError(f"{self.path}: was played with {other}")
 
 

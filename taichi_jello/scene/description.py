@@ -26,6 +26,7 @@ from taichi_jello.scene.validation import (
     listed,
     number,
     number_or_auto,
+    shown,
     truth,
     vector,
     vectors,
@@ -190,7 +191,7 @@ class Jello(Checked):
 
     def check(self) -> dict[str, Any]:
         if isinstance(self.springs, str) or not isinstance(self.springs, Sequence):
-            raise SceneError("springs", f"expected a list of {', '.join(FAMILIES)}, got {self.springs!r}")
+            raise SceneError("springs", f"expected a list of {', '.join(FAMILIES)}, got {shown(self.springs)}")
         absent = [name for name in ("young", "density", "damping_ratio", "x", "v") if getattr(self, name) is None]
         checked: dict[str, Any] = {
             "springs": tuple(word("springs", family, FAMILIES) for family in self.springs),
@@ -213,7 +214,7 @@ class Jello(Checked):
 
     def body(self) -> Body:
         """Its points, springs and skin."""
-        raise TypeError(f"{type(self).__name__} must define body()")
+        raise SceneError("", f"expected {type(self).__name__} to define body()")
 
     def with_files_in(self, folder: Path) -> "Jello":
         """The same jello with the paths of its files relative to `folder` resolved."""
@@ -256,7 +257,7 @@ class Scene(Checked):
         for table in (Solver, Contact, Camera):
             name = table.__name__.lower()
             if not isinstance(getattr(self, name), table):
-                raise SceneError(name, f"expected a {table.__name__}, got {getattr(self, name)!r}")
+                raise SceneError(name, f"expected a {table.__name__}, got {shown(getattr(self, name))}")
         if not listed("jello", self.jello, Jello):
             raise SceneError("jello", "expected at least one jello, the scene is empty")
         return {

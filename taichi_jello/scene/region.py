@@ -52,7 +52,7 @@ def checked_factor(key: str, value: Any) -> Any:
         if grid.dtype.kind not in "fiu" and grid.size:
             raise TypeError("not numbers")
         grid = grid.astype(float)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         raise SceneError(key, "expected a number or nested lists of numbers, x by y by z") from None
     if grid.ndim != 3 or 0 in grid.shape:
         raise SceneError(key, f"expected x by y by z numbers, got an array of shape {grid.shape}")

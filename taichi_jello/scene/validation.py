@@ -12,11 +12,33 @@ FASTEST = 1e7  # m/s along an axis
 Vector = tuple[float, float, float]
 
 
+MAX_SHOWN, MAX_KEY = 60, 200  # characters of a value and of a key in a message
+
+
+def printable(text: str) -> str:
+    """The text with control characters and line breaks as escapes: it stays on a line and commands no terminal."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def cut(text: str, most: int = MAX_SHOWN) -> str:
+    """The text, printable, and cut after `most` characters."""
+    text = printable(text[: most + 1])
+    return text if len(text) <= most else f"{text[:most]}…"
+
+
+def shown(value: Any) -> str:
+    """A value of any kind in a message: its repr, on one line and cut if it is long."""
+    try:
+        return cut(repr(value))
+    except Exception:  # of a class in a scene file, of an integer of more than 4300 digits
+        return f"a value of type {type(value).__name__}"
+
+
 class SceneError(ValueError):
     """An invalid scene: `key` says where, `problem` what was expected and what was found."""
 
     def __init__(self, key: str, problem: str):
-        super().__init__(f"{key}: {problem}" if key else problem)
+        super().__init__((f"{cut(key, MAX_KEY)}: " if key else "") + printable(problem))
         self.key, self.problem = key, problem
 
     def within(self, prefix: str) -> "SceneError":
@@ -32,10 +54,10 @@ def number(key: str, value: Any, *, low: float = -np.inf, above: float = -np.inf
     elif low > -np.inf:
         expected += f" of at least {low:g}"
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-        raise SceneError(key, f"{expected}, got {value!r}")
+        raise SceneError(key, f"{expected}, got {shown(value)}")
     with suppress(OverflowError):  # a huge integer stays one
         value = float(value)
-    got = f"got {value:g}" if isinstance(value, float) else f"got one of {len(str(abs(value)))} digits"
+    got = f"got {value:g}" if isinstance(value, float) else f"got one of {value.bit_length()} bits"
     if value != value or abs(value) == np.inf or value < low or value <= above:
         raise SceneError(key, f"{expected}, {got}")
     if abs(value) > most:
@@ -50,19 +72,19 @@ def number_or_auto(key: str, value: Any, unit: str = "a number", **limits: float
     if not isinstance(value, str):
         return number(key, value, **limits)
     if value != "auto":
-        raise SceneError(key, f'expected "auto" or {unit}, got {value!r}')
+        raise SceneError(key, f'expected "auto" or {unit}, got {shown(value)}')
     return value
 
 
 def whole(key: str, value: Any, *, low: int) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < low:
-        raise SceneError(key, f"expected a whole number of at least {low}, got {value!r}")
+        raise SceneError(key, f"expected a whole number of at least {low}, got {shown(value)}")
     return int(value)
 
 
 def vector(key: str, value: Any, **limits: float) -> Vector:
     if isinstance(value, str) or not isinstance(value, (Sequence, np.ndarray)) or len(value) != 3:
-        raise SceneError(key, f"expected three numbers [x, y, z], got {value!r}")
+        raise SceneError(key, f"expected three numbers [x, y, z], got {shown(value)}")
     x, y, z = (number(f"{key}.{axis}", part, **limits) for axis, part in enumerate(value))
     return (x, y, z)
 
@@ -71,7 +93,7 @@ def vectors(key: str, value: Any, *, most: float = LARGEST) -> tuple[Vector, ...
     """(N, 3) finite numbers of magnitude at most `most`, as tuples."""
     try:
         array = np.array(value, float)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         raise SceneError(key, "expected a list of [x, y, z]") from None
     if array.ndim != 2 or array.shape[1] != 3:
         raise SceneError(key, f"expected a list of [x, y, z], got an array of shape {array.shape}")
@@ -92,15 +114,15 @@ def box(low: Any, high: Any) -> dict[str, Vector]:
 
 def word(key: str, value: Any, allowed: Sequence[str] | None = None) -> str:
     if not isinstance(value, str):
-        raise SceneError(key, f"expected text, got {value!r}")
+        raise SceneError(key, f"expected text, got {shown(value)}")
     if allowed is not None and value not in allowed:
-        raise SceneError(key, f"expected one of {', '.join(allowed)}, got {value!r}")
+        raise SceneError(key, f"expected one of {', '.join(allowed)}, got {shown(value)}")
     return value
 
 
 def truth(key: str, value: Any) -> bool:
     if not isinstance(value, bool):
-        raise SceneError(key, f"expected true or false, got {value!r}")
+        raise SceneError(key, f"expected true or false, got {shown(value)}")
     return value
 
 
@@ -114,10 +136,10 @@ def by_family(key: str, value: Any) -> float | dict[str, float]:
 def listed(key: str, rows: Any, kind: type) -> tuple[Any, ...]:
     """A list of descriptions of one kind, as a tuple."""
     if isinstance(rows, (str, dict)) or not isinstance(rows, Sequence):
-        raise SceneError(key, f"expected a list of {kind.__name__}, got {rows!r}")
+        raise SceneError(key, f"expected a list of {kind.__name__}, got {shown(rows)}")
     for index, row in enumerate(rows):
         if not isinstance(row, kind):
-            raise SceneError(f"{key}.{index}", f"expected a {kind.__name__}, got {row!r}")
+            raise SceneError(f"{key}.{index}", f"expected a {kind.__name__}, got {shown(row)}")
     return tuple(rows)
 
 

@@ -2,11 +2,13 @@
 
 import ast
 import sys
+import traceback
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 from taichi_jello.scene.description import Scene, SceneError
+from taichi_jello.scenefiles import python
 from taichi_jello.support.plugins import modules
 
 
@@ -37,12 +39,14 @@ def load(name: str) -> Scene:
     Raises SceneError naming the file, the key and what was expected.
     """
     path, known = _path(name), formats()
-    if path.suffix not in known:
+    suffix = path.suffix.lower()
+    if suffix not in known:
         raise SceneError(name, f"expected a demo ({', '.join(demos())}) or a file ending in {', '.join(known)}")
     if not path.is_file():
-        raise SceneError(name, "it is a folder, expected a file" if path.is_dir() else "there is no such file")
+        kind = "a folder" if path.is_dir() else "a device or pipe"
+        raise SceneError(name, f"it is {kind}, expected a file" if path.exists() else "there is no such file")
     try:
-        scene = known[path.suffix].load(path)
+        scene = known[suffix].load(path)
     except SceneError as error:
         raise located(str(path), error) from error
     except OSError as error:
@@ -56,11 +60,11 @@ def save(scene: Scene, name: str) -> None:
     Raises SceneError naming the file, and the key of a value that the format cannot hold."""
     path = Path(name)
     writable = {suffix: module for suffix, module in formats().items() if hasattr(module, "save")}
-    if path.suffix not in writable:
+    if path.suffix.lower() not in writable:
         raise SceneError(name, f"expected a file ending in {', '.join(writable)}")
     moved = replace(scene, jello=[jello.with_files_relative_to(path.parent) for jello in scene.jello])
     try:
-        writable[path.suffix].save(moved, path)
+        writable[path.suffix.lower()].save(moved, path)
     except SceneError as error:
         raise SceneError(name, str(error)) from None
     except OSError as error:
@@ -70,11 +74,20 @@ def save(scene: Scene, name: str) -> None:
 def located(name: str, error: SceneError) -> SceneError:
     """The error with the scene's name and, if the format knows it, the line of its key."""
     path = _path(name)
-    line_of = getattr(formats().get(path.suffix), "line_of", None)
+    line_of = getattr(formats().get(path.suffix.lower()), "line_of", None)
     line = line_of(path.read_text(encoding="utf-8-sig"), error.key) if line_of and error.key else None
     return SceneError(name, str(error) if line is None else f"line {line}: {error}")
 
 
+def failure(name: str, error: Exception) -> SceneError | None:
+    """The error in one line, if code of a Python scene raised it after it was loaded."""
+    path = _path(name)
+    frames = traceback.walk_tb(error.__traceback__)
+    if path.suffix.lower() != python.SUFFIX or all(frame.f_code.co_filename != str(path) for frame, _ in frames):
+        return None
+    return SceneError(name, str(python.failure(path, error)))
+
+
 def _path(name: str) -> Path:
     path = Path(name)
-    return demos()[name] if path.suffix not in formats() and name in demos() else path
+    return demos()[name] if path.suffix.lower() not in formats() and name in demos() else path

@@ -8,7 +8,7 @@ from typing import Any
 from taichi_jello import shapes
 from taichi_jello.physics import colliders, forces
 from taichi_jello.scene.description import Collider, Force, Jello, Scene, override
-from taichi_jello.scene.validation import Checked, SceneError, word
+from taichi_jello.scene.validation import Checked, SceneError, shown, word
 from taichi_jello.support.plugins import classes
 
 CHOICES = {Jello: "shape", Collider: "type", Force: "key"}  # the class attribute that names each subclass in files
@@ -25,7 +25,7 @@ def make(kind: Any, table: Any, key: str) -> Any:
     """An instance of the dataclass `kind` from a table of its fields. A table for Jello or Collider also names the
     subclass."""
     if not isinstance(table, Mapping):
-        raise SceneError(key, f"expected a table, got {table!r}")
+        raise SceneError(key, f"expected a table, got {shown(table)}")
     values = dict(table)
     if kind in (Jello, Collider):
         choice, found = CHOICES[kind], kinds(kind)
@@ -58,7 +58,7 @@ def make(kind: Any, table: Any, key: str) -> Any:
 def make_rows(kind: Any, rows: Any, key: str) -> list[Any]:
     """Instances of `kind` from an array of tables."""
     if not isinstance(rows, list):
-        raise SceneError(key, f"expected an array of tables [[{key.rpartition('.')[2]}]], got {rows!r}")
+        raise SceneError(key, f"expected an array of tables [[{key.rpartition('.')[2]}]], got {shown(rows)}")
     return [make(kind, row, f"{key}.{index}") for index, row in enumerate(rows)]
 
 

@@ -66,7 +66,7 @@ class Lines:
 
 def load(path: Path) -> Scene:
     try:
-        lines = Lines(path.read_text(encoding="utf-8"))
+        lines = Lines(path.read_text(encoding="utf-8-sig"))
     except UnicodeDecodeError:
         raise SceneError("", "expected text, a Jello Cube world file") from None
     method = lines.next().lower()

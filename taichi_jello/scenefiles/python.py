@@ -4,17 +4,27 @@ import runpy
 import traceback
 from pathlib import Path
 
-from taichi_jello.scene.description import Scene, SceneError
+from taichi_jello.scene.description import Scene
+from taichi_jello.scene.validation import SceneError, cut, shown
 
 SUFFIX = ".py"
 
 
 def _place(path: Path, error: BaseException) -> str:
-    """The last line of the file in an error's traceback."""
+    """The last line of the file in an error's traceback; empty if there is none."""
     lines = [line for frame, line in traceback.walk_tb(error.__traceback__) if frame.f_code.co_filename == str(path)]
     if isinstance(error, SyntaxError) and error.filename == str(path):
         lines.append(error.lineno or 1)
     return f"line {lines[-1]}: " if lines else ""
+
+
+def failure(path: Path, error: BaseException) -> SceneError:
+    """An error that the file's code raised, with its line."""
+    try:
+        text = cut(f": {error}".partition("\n")[0], 200).removesuffix(": ")
+    except Exception:
+        text = ", whose message cannot be shown"
+    return SceneError("", f"{_place(path, error)}it fails with {type(error).__name__}{text}")
 
 
 def load(path: Path) -> Scene:
@@ -25,9 +35,11 @@ def load(path: Path) -> Scene:
         made = names["scene"]()
     except SceneError as error:
         raise SceneError("", f"{_place(path, error)}{error}") from error
-    except (Exception, SystemExit) as error:
-        problem = f"it fails with {type(error).__name__}: {str(error).partition(chr(10))[0]}"
-        raise SceneError("", f"{_place(path, error)}{problem}") from error
+    except KeyboardInterrupt as error:
+        raise KeyboardInterrupt(f"{path}: {_place(path, error)}stopped while it was loaded") from None
+    except BaseException as error:  # a file may raise anything
+        raise failure(path, error) from error
     if not isinstance(made, Scene):
-        raise SceneError("scene", f"expected scene() to return a Scene, got {made!r}")
+        line = names["scene"].__code__.co_firstlineno if hasattr(names["scene"], "__code__") else 1
+        raise SceneError("", f"line {line}: scene: expected scene() to return a Scene, got {shown(made)}")
     return made

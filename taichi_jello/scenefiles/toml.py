@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from taichi_jello.scene.description import Collider, Jello, Scene
-from taichi_jello.scene.validation import Checked, SceneError
+from taichi_jello.scene.validation import Checked, SceneError, cut, shown
+from taichi_jello.scenefiles._lines import deepest_line, longest_number_line
 from taichi_jello.scenefiles._lines import line_of as line_of
 from taichi_jello.scenefiles._table import CHOICES, kinds, scene_from
 
@@ -21,12 +22,18 @@ WIDTH = 110  # columns of an array on one line
 def load(path: Path) -> Scene:
     try:
         text = path.read_text(encoding="utf-8-sig")  # Windows' Notepad adds a byte order mark
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError("", f"not valid TOML: {error}") from None
     except UnicodeDecodeError as error:
-        raise SceneError("", f"expected text in UTF-8: {error}") from None
-    return scene_from(table)
+        raise SceneError("", f"expected text in UTF-8: {error.reason} at byte {error.start}") from None
+    try:
+        return scene_from(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError("", f"not valid TOML: {cut(str(error), 200)}") from None
+    except RecursionError:
+        raise SceneError("", f"line {deepest_line(text)}: expected values that are not nested so deeply") from None
+    except SceneError:
+        raise
+    except ValueError:  # of an integer
+        raise SceneError("", f"line {longest_number_line(text)}: expected numbers of fewer digits") from None
 
 
 def dump(scene: Scene) -> str:
@@ -81,7 +88,7 @@ def _value(key: str, value: Any) -> Any:
         return [_value(f"{key}.{index}", one) for index, one in enumerate(value)]
     if isinstance(value, (bool, int, float, str)):
         return value
-    raise SceneError(key, f"expected what TOML can hold, got {value!r}")
+    raise SceneError(key, f"expected what TOML can hold, got {shown(value)}")
 
 
 def _lines(table: dict[str, Any], path: str) -> list[str]:

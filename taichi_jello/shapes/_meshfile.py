@@ -1,53 +1,42 @@
-"""Surface meshes from files, read with trimesh, checked and welded."""
+"""Surface meshes from files, checked and welded."""
 
-import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from taichi_jello.scene.validation import SceneError
+from taichi_jello.scene.validation import LARGEST, SceneError
+from taichi_jello.shapes import _glb, _obj, _ply, _stl
+from taichi_jello.shapes._polygons import MAX_TRIANGLES, MeshProblem
 
-SUFFIXES = (".obj", ".stl", ".ply", ".glb")
-MAX_TRIANGLES = 2_000_000
+READERS = {
+    ".obj": lambda data, path: _obj.read(data),
+    ".stl": lambda data, path: _stl.read(data, str(path)),
+    ".ply": lambda data, path: _ply.read(data),
+    ".glb": lambda data, path: _glb.read(data, path.parent),
+}
 WELD = 1e-6  # of the mesh's size: closer points are merged
-INSTALL = "pip install 'taichi_jello[mesh]'"
-
-
-class MeshWarning(UserWarning):
-    """A mesh with flaws that can still be used."""
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 
 def read(file: str) -> tuple[np.ndarray, np.ndarray]:
     """Welded points (V, 3) and triangles (T, 3) of a mesh file.
 
-    Raises SceneError naming the file and what was expected.
+    Raises SceneError naming the file, the place in it and what was expected.
     """
     path = Path(file)
-    if path.suffix.lower() not in SUFFIXES:
-        raise SceneError("file", f"{file}: expected a name ending in {', '.join(SUFFIXES)}")
-    if not path.is_file():
-        raise SceneError("file", f"{file}: there is no such file")
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise SceneError("file", f"{file}: expected a name ending in {', '.join(READERS)}")
     try:
-        import trimesh
-    except ModuleNotFoundError:
-        raise SceneError("file", f"meshes need trimesh: {INSTALL}") from None
-    kind = path.suffix.lower()[1:]
-    try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")
-            loaded: Any = trimesh.load(str(path), file_type=kind, force="mesh", process=False)
-        points, triangles = np.array(loaded.vertices, float), np.array(loaded.faces, np.int64)
+        if not path.is_file():
+            there = path.exists()
+            raise SceneError("file", f"{file}: {'expected a regular file' if there else 'there is no such file'}")
+        with np.errstate(all="ignore"):
+            points, triangles = reader(path.read_bytes().removeprefix(BYTE_ORDER_MARK), path)
     except OSError as error:
         raise SceneError("file", f"{file}: cannot be read: {error.strerror}") from None
-    except Exception as error:  # a parser may raise anything
-        reason = f" ({(str(error).splitlines() or [type(error).__name__])[0]})"
-        if isinstance(error, ImportError):  # trimesh asks for more packages if it does not recognise a text
-            reason = ""
-        elif isinstance(error, IndexError):
-            reason = " (a triangle has a point that is not there)"
-        problem = f"expected a mesh in {kind.upper()} format, it is cut short or of another kind{reason}"
-        raise SceneError("file", f"{file}: {problem}") from None
+    except MeshProblem as error:
+        raise SceneError("file", f"{file}: {error}") from None
     return weld(file, points, triangles)
 
 
@@ -59,12 +48,11 @@ def weld(file: str, points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarr
     if len(triangles) > MAX_TRIANGLES:
         problem = f"expected at most {MAX_TRIANGLES:,} triangles, got {len(triangles):,}; simplify it"
         raise SceneError("file", f"{file}: {problem}")
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise SceneError("file", f"{file}: expected triangles over its {len(points)} points, got {triangles.max()}")
     used = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(points)))
-    bad = used[~np.isfinite(points[used]).all(1)]
+    bad = used[~(np.abs(points[used]) <= LARGEST).all(1)]
     if len(bad):
-        raise SceneError("file", f"{file}: expected finite numbers, point {bad[0]} is {points[bad[0]].tolist()}")
+        problem = f"expected finite numbers of at most {LARGEST:g}, point {bad[0]} is {points[bad[0]].tolist()}"
+        raise SceneError("file", f"{file}: {problem}")
     extent = float(np.ptp(points[used], axis=0).max())
     if extent == 0.0:
         raise SceneError("file", f"{file}: expected a mesh with a size, all its points are in one place")

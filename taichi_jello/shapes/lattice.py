@@ -9,7 +9,7 @@ import numpy as np
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Jello
 from taichi_jello.scene.region import places
-from taichi_jello.scene.validation import FAMILIES, SceneError, Vector, vector, whole
+from taichi_jello.scene.validation import FAMILIES, SceneError, Vector, shown, vector, whole
 
 MAX_PARTICLES = 4_000_000
 
@@ -181,7 +181,7 @@ def grid_body(jello: Jello, points: tuple[int, int, int], size: Vector) -> Body:
 def counts(key: str, value: Any, axes: int) -> tuple[int, ...]:
     """`value` as numbers of points along each of 2 or 3 `axes`, at most MAX_PARTICLES together."""
     if isinstance(value, (str, int, float)) or len(value) != axes:
-        raise SceneError(key, f"expected {('two', 'three')[axes - 2]} whole numbers, got {value!r}")
+        raise SceneError(key, f"expected {('two', 'three')[axes - 2]} whole numbers, got {shown(value)}")
     points = tuple(whole(f"{key}.{axis}", n, low=1) for axis, n in enumerate(value))
     if prod(points) > MAX_PARTICLES:
         raise SceneError(key, f"expected at most {MAX_PARTICLES:,} particles, got {prod(points):,}")

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Jello
-from taichi_jello.scene.validation import SceneError, number
+from taichi_jello.scene.validation import SceneError, number, shown
 from taichi_jello.shapes.lattice import counts, grid_body
 
 
@@ -19,7 +19,7 @@ class Sheet(Jello):
 
     def check(self) -> dict[str, Any]:
         if isinstance(self.size, (str, int, float)) or len(self.size) != 2:
-            raise SceneError("size", f"expected two numbers [width, depth], got {self.size!r}")
+            raise SceneError("size", f"expected two numbers [width, depth], got {shown(self.size)}")
         size = tuple(number(f"size.{axis}", one, above=0.0) for axis, one in enumerate(self.size))
         return super().check() | {"points": counts("points", self.points, 2), "size": size}
 

@@ -1,6 +1,9 @@
 """The command line as a person uses it: a process, its files, its exit status and its lines."""
 
 import json
+import signal
+import subprocess
+import sys
 import tempfile
 
 import numpy as np
@@ -279,6 +282,34 @@ def test_a_mistake_is_one_line_of_a_process_too(jello, small, tmp_path, call, wo
     assert len(done.stderr.splitlines()) == 1 and words in done.stderr, done.stderr
     assert "Traceback" not in done.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["small.toml"]
+
+
+def test_code_that_fails_in_a_python_scene_is_one_line(here, tmp_path):
+    """Also where it runs after the scene is loaded."""
+    begin = (
+        "from taichi_jello import *\nfrom taichi_jello.scene.description import Jello\nclass Z(Jello):\n  shape = 'z'\n"
+    )
+    end = "\ndef scene(): return Scene(jello=[Z()])\n"
+    for body, words in (
+        ("", "jello.0: expected Z to define body()"),
+        ("  def body(self): return 1 / 0", "line 5: it fails with ZeroDivisionError: division by zero"),
+        ("  def body(self): return 'a\\n'", r"jello.0: expected Z.body() to return a Body, got 'a\n'"),
+    ):
+        (tmp_path / "own.py").write_text(begin + body + end)
+        done = here("run", "own.py", "-o", "x.npz")
+        assert done.returncode == 2 and done.stderr == f"jello: own.py: {words}\n"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent in another way there")
+def test_ctrl_c_ends_a_python_scene_that_does_not_end(tmp_path):
+    (tmp_path / "never.py").write_text("print('begun', flush=True)\nwhile True: pass\n")
+    command = [sys.executable, "-m", "taichi_jello", "run", "never.py", "-o", "x.npz"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    with process:
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 130
+        assert process.stderr.read() in [f"jello: never.py: line {k}: stopped while it was loaded\n" for k in (1, 2)]
 
 
 def test_a_room_smaller_than_the_jello_is_refused(here, small, tmp_path):

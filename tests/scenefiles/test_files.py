@@ -139,6 +139,18 @@ BOX = '[[jello]]\nshape = "box"\n'
         (BOX + "[[jello.keyframe]]\nstiffness = 1", "line 3: jello.0.keyframe.0: expected time too, which is missing"),
         ("jello = 3", "jello: expected an array of tables"),
         ("jello = [", "not valid TOML"),
+        (
+            "\n" + BOX + "mass = 0x" + "f" * 20_000,
+            "line 4: jello.0.mass: expected a finite number greater than 0, at most",
+        ),
+        ("\n" + BOX + "mass = 1" + "0" * 4400, "line 4: expected numbers of fewer digits"),
+        ("\nx = " + "[" * 2000 + "]" * 2000, "line 2: expected values that are not nested so deeply"),
+        ("\n" + "a." * 3000 + "b = 1", "line 2: "),
+        ('\n"a\\nb\\u001b[2J" = 1\n' + BOX, r"line 2: a\nb\x1b[2J: unknown key"),
+        (BOX + f"mass = '{'z' * 200_000}'", f"got '{'z' * 59}…"),
+        (BOX + f"points = {list(range(5000))}", "line 3: jello.0.points: expected three whole numbers, got [0, 1, 2"),
+        ("k" * 5000 + " = 1\n" + BOX, f"line 1: {'k' * 200}…: unknown key"),
+        (BOX + "x = [[1" + "0" * 400 + ", 0, 0]]", "line 3: jello.0.x: expected a list of [x, y, z]"),
     ],
 )
 def test_every_mistake_names_file_key_and_what_was_expected(tmp_path, text, words):
@@ -146,7 +158,17 @@ def test_every_mistake_names_file_key_and_what_was_expected(tmp_path, text, word
     with pytest.raises(SceneError) as caught:
         scenefiles.load(path)
     assert str(caught.value).startswith(f"{path}: ") and words in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert str(caught.value).isprintable() and len(str(caught.value).removeprefix(path)) < 600
+
+
+def test_endings_may_be_upper_case(tmp_path):
+    assert scenefiles.load(written(tmp_path, BOX, "A.TOML")) == Scene(jello=[Box()])
+    text = "from taichi_jello import *\ndef scene(): return Scene(jello=[Box()])\n"
+    assert scenefiles.load(written(tmp_path, "\ufeff" + text, "A.PY")) == Scene(jello=[Box()])
+    with pytest.raises(SceneError, match=r"B.TOML: line 1: x: unknown key"):
+        scenefiles.load(written(tmp_path, "x = 1", "B.TOML"))
+    scenefiles.save(Scene(jello=[Box(mass=2.0)]), str(tmp_path / "C.TOML"))
+    assert scenefiles.load(str(tmp_path / "C.TOML")).jello[0].mass == 2.0
 
 
 def test_a_mark_of_the_order_of_bytes_is_no_mistake(tmp_path):
@@ -168,6 +190,15 @@ def test_python_scenes_and_their_mistakes(tmp_path):
         ("import nothing_like_this", "it fails with ModuleNotFoundError"),
         ("from taichi_jello import *\ndef scene(): return Scene(jello=[Box(mass=-1)])", "line 2: mass: expected"),
         ("def scene(", "line 1: it fails with SyntaxError"),
+        ("class E(BaseException): pass\ndef scene(): raise E('x')", "line 2: it fails with E: x"),
+        ("raise GeneratorExit", "line 1: it fails with GeneratorExit"),
+        ("class E(Exception):\n  def __str__(self): return 1 / 0\nraise E", "line 3: it fails with E, whose message"),
+        ("class A:\n  def __repr__(self): 1 / 0\ndef scene(): return A()", "line 3: scene: expected scene() to return"),
+        (
+            "from taichi_jello import *\n"
+            "def scene(): return Scene(jello=[Box()], force=[CallableField(function=lambda x, v, t: x)])",
+            "line 2: function: expected a function defined with def, Taichi compiles no lambda",
+        ),
         (
             "import json\ndef scene():\n  return json.loads('x')",
             "line 3: it fails with JSONDecodeError: Expecting",

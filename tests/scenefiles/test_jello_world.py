@@ -53,6 +53,11 @@ def test_the_plane_faces_the_cube_and_a_world_may_have_neither_plane_nor_field(t
     assert len(plain.collider) == 1 and plain.force == () and plain.solver.method == "euler"
 
 
+def test_a_byte_order_mark_and_an_upper_case_ending_are_no_mistake(tmp_path):
+    (tmp_path / "CUBE.W").write_text("\n".join(world()), encoding="utf-8-sig")
+    assert scenefiles.load(str(tmp_path / "CUBE.W")).solver.method == "rk4"
+
+
 def test_a_world_runs(tmp_path, best_precision):
     """Free and undamped by anything outside, its middle moves on at 0.5 m/s."""
     simulation = Simulation(scenefiles.load(written(tmp_path, world(["RK4", *HEAD[1:4], "0", "0"]))))

@@ -1,14 +1,12 @@
 """Meshes from files: filled, welded, embedded; and one clear line for what cannot be."""
 
-import sys
-
 import numpy as np
 import pytest
 
 from taichi_jello import Mesh, SceneError, scenefiles
 from taichi_jello.shapes import _meshfile
-from taichi_jello.shapes._meshfile import MeshWarning
 from taichi_jello.shapes._skin import parts
+from taichi_jello.shapes._stl import MeshWarning
 from taichi_jello.shapes._voxels import ASIDE, enclosed, passed_through
 from taichi_jello.shapes.ball import sphere
 
@@ -173,12 +171,6 @@ def test_too_many_triangles_are_refused(saved, monkeypatch):
     assert "expected at most 100 triangles, got 320" in problem(file=saved(surface(*sphere(0.3))))
 
 
-def test_a_missing_extra_is_named_with_its_pip_line(saved, monkeypatch):
-    file = saved(surface(*sphere(0.5)))
-    monkeypatch.setitem(sys.modules, "trimesh", None)
-    assert "pip install 'taichi_jello[mesh]'" in problem(file=file)
-
-
 def test_a_scene_file_looks_beside_itself(tmp_path, monkeypatch):
     (tmp_path / "shapes").mkdir()
     surface(*sphere(0.5)).export(str(tmp_path / "shapes" / "ball.stl"))
@@ -186,16 +178,3 @@ def test_a_scene_file_looks_beside_itself(tmp_path, monkeypatch):
     scene = scenefiles.load(written(tmp_path, text, "scene.toml"))
     monkeypatch.chdir("/")
     assert len(scene.jello[0].body().skin) >= 320
-
-
-@pytest.mark.parametrize("form", ["obj", "stl", "ply", "glb"])
-def test_a_file_cut_short_is_told_as_one(form, saved, tmp_path):
-    whole = (tmp_path / saved(trimesh.creation.torus(1.0, 0.35), f"torus.{form}")).read_bytes()
-    told = problem(file=written(tmp_path, whole[: len(whole) // 2], f"cut.{form}"))
-    assert f"expected a mesh in {form.upper()} format, it is cut short or of another kind" in told
-    assert "No module" not in told
-
-
-def test_a_triangle_of_a_point_that_is_not_there_is_told(tmp_path):
-    file = written(tmp_path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "loose.obj")
-    assert problem(file=file).endswith("(a triangle has a point that is not there)")

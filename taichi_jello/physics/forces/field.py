@@ -11,7 +11,7 @@ import taichi as ti
 from taichi_jello.physics.forces._base import ParticleForce, Rates
 from taichi_jello.physics.particles import Particles
 from taichi_jello.scene.description import Force, Scene, SceneError, Vector, vector
-from taichi_jello.scene.validation import LARGEST
+from taichi_jello.scene.validation import LARGEST, shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,7 @@ class GridField(Force):
     def check(self) -> dict[str, Any]:
         try:
             values = np.array(self.values, float)
-        except (ValueError, TypeError):
+        except (ValueError, TypeError, OverflowError):
             raise SceneError("values", "expected nested lists of numbers, x by y by z by 3") from None
         if values.ndim != 4 or values.shape[3] != 3 or min(values.shape[:3]) < 2:
             raise SceneError(
@@ -64,7 +64,9 @@ class CallableField(Force):
 
     def check(self) -> dict[str, Any]:
         if not callable(self.function):
-            raise SceneError("function", f"expected a Python function, got {self.function!r}")
+            raise SceneError("function", f"expected a Python function, got {shown(self.function)}")
+        if getattr(self.function, "__name__", "") == "<lambda>":
+            raise SceneError("function", "expected a function defined with def, Taichi compiles no lambda")
         try:
             inspect.signature(self.function).bind("x", "v", "t")
         except TypeError as error:
