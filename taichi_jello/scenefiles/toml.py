@@ -15,6 +15,7 @@ from taichi_jello.scenefiles._lines import line_of as line_of
 from taichi_jello.scenefiles._table import CHOICES, kinds, scene_from
 
 SUFFIX = ".toml"
+LEVEL_GROUND = [{"type": "plane"}]  # of a file without `collider`
 WIDTH = 110  # columns of an array on one line
 
 
@@ -26,14 +27,14 @@ def load(path: Path) -> Scene:
         raise SceneError("", f"not valid TOML: {error}") from None
     except UnicodeDecodeError as error:
         raise SceneError("", f"expected text in UTF-8: {error}") from None
-    return scene_from(table)
+    return scene_from({"collider": LEVEL_GROUND} | table)
 
 
 def dump(scene: Scene) -> str:
-    """The scene as TOML that `load` reads back unchanged, without default values.
+    """The scene as TOML that `load` reads back unchanged, without default values, but with `collider = []` for none.
 
     Raises SceneError, naming the key, for functions and for classes without a name in files."""
-    table = _table("", scene)
+    table = {"collider": []} | _table("", scene)
     for force, values in zip(scene.force, table.pop("force", []), strict=True):
         table.setdefault(force.key, []).append(values)
     for key in {force.key for force in scene.force}:

@@ -13,6 +13,7 @@ FAR = 1e5  # m
 STEEPEST = 0.995  # the sine of the steepest view up or down: at 1 the picture would spin about its own axis
 UP = np.array([0.0, 1.0, 0.0])
 FILLED = 0.85  # of the picture's half height and width, by what a view is fitted to
+AROUND = 2.0  # of the jellos' diagonal: how far from them a large collider counts
 LOST = 0.12  # of the same: what takes less is looked at from nearer
 ASPECT = 16.0 / 9.0  # of the pictures that cameras are set up for
 
@@ -45,8 +46,8 @@ class Viewpoint:
 
     @classmethod
     def first(cls, scene: Scene, body: Body, aspect: float = ASPECT) -> "Viewpoint":
-        """The scene's own; where it has none, and the usual one leaves jellos, rooms or the floor below jellos out of
-        a picture `aspect` times as wide as high, or makes them too small, one from the same side that shows them."""
+        """The scene's own; where it has none, and the usual one leaves jellos, colliders or the floor below jellos out
+        of a picture `aspect` times as wide as high, or makes them too small, one from the same side that shows them."""
         view, usual = cls.of(scene.camera, aspect), Camera()
         if (scene.camera.eye, scene.camera.target) != (usual.eye, usual.target):
             return view
@@ -143,15 +144,35 @@ class Viewpoint:
         depth = np.where(flat[:, 2:] > NEAR, flat[:, 2:], np.nan)
         return flat[:, :2] / depth
 
+    def sees(self, points: np.ndarray, size: tuple[int, int]) -> bool:
+        """Whether what is between the points (n, 3) [m] may be in the picture: False if all are beyond the same edge of
+        it, or behind the eye."""
+        matrix = self.to_pixels(size)
+        column, row, depth = matrix[:, :3] @ np.asarray(points, float).T + matrix[:, 3:]
+        width, height = size
+        beyond = [column < 0.0, column > width * depth, row < 0.0, row > height * depth, depth < NEAR]
+        return not any(side.all() for side in beyond)
+
     def pixels_per_meter(self, height: int) -> float:
         """How many pixels one metre at a distance of one metre covers in a picture `height` pixels high."""
         return 0.5 * height / float(np.tan(np.radians(self.fov) / 2.0))
 
 
 def _corners(scene: Scene, body: Body) -> np.ndarray:
-    """(n, 3) [m]: of the box around all jellos, of that below it on the highest floor, and of the rooms."""
+    """(n, 3) [m]: of the box around all jellos, of that below it on the highest floor, and of the finite colliders. Of
+    a collider much larger than the jellos only what is near them counts, but of a room all."""
     low, high = body.x.min(0), body.x.max(0)
     floors = [level for collider in scene.collider if (level := collider.floor()) is not None and level < low[1]]
     boxes = [(np.array([low[0], max(floors, default=low[1]), low[2]]), high)]
-    boxes += [(np.array(room.min), np.array(room.max)) for room in scene.collider if isinstance(room, Room)]
+    reach = AROUND * float(np.linalg.norm(high - low))
+    for collider in scene.collider:
+        if (extent := collider.extent()) is None:
+            continue
+        first, last = extent + collider.place(0.0)
+        if not isinstance(collider, Room):
+            near = (first < high + reach) & (last > low - reach)
+            first, last = np.where(
+                near, [np.maximum(first, low - reach), np.minimum(last, high + reach)], [first, last]
+            )
+        boxes.append((first, last))
     return np.array([[box[k >> axis & 1][axis] for axis in range(3)] for box in boxes for k in range(8)])

@@ -85,3 +85,10 @@ class Sphere(Collider):
         points = np.tan(np.concatenate([vertices for vertices, _ in faces]) * (pi / 4))
         points *= self.radius / np.linalg.norm(points, axis=1, keepdims=True)
         return points, np.concatenate([t + s for (_, t), s in zip(faces, starts, strict=False)]).astype(np.int32)
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(points, axis=1) - self.radius
+
+    def top(self, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+        squared = self.radius**2 - x**2 - z**2
+        return np.where(squared > 0.0, np.sqrt(np.maximum(squared, 0.0)), -np.inf)

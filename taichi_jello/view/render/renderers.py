@@ -1,15 +1,18 @@
 """Choosing a renderer, and one picture of a simulation."""
 
+import warnings
 from typing import Any, Protocol
 
 import numpy as np
 
+from taichi_jello.run.start_warnings import SceneWarning
 from taichi_jello.support import runtime
 from taichi_jello.support.runtime import RuntimeProblem
 from taichi_jello.view.camera import Viewpoint
 from taichi_jello.view.drawing.drawing import Drawing
 from taichi_jello.view.render.legend import legend as legend_sheet
 
+NO_JELLO = "no jello is in the picture: see camera.eye and camera.target, or leave both out"
 NAMES = ("auto", "ggui", "raster")
 
 
@@ -67,6 +70,9 @@ def finished(
     now = simulation.snapshot()
     drawing.update(now.x, now.v, now.time, color=color, memory=now.memory)
     renderer.draw(drawing, drawing.viewpoint)
+    owners = drawing.body.jello
+    if not any(drawing.viewpoint.sees(drawing.points[owners == j], renderer.size) for j in range(owners[-1] + 1)):
+        warnings.warn(NO_JELLO, SceneWarning, stacklevel=2)
     image = renderer.image()
     if legend:
         legend_sheet(drawing.key, simulation.time, renderer.size).stamp(image)

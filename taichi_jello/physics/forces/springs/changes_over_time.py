@@ -7,9 +7,7 @@ import numpy as np
 from taichi_jello.physics.forces.springs.spring_state import Law, by_jello, law_at, lengths
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
-from taichi_jello.scene.keyframes import factor, gravity
-
-SLACK = 1e-9  # s by which a frame may begin before a keyframe and still be meant by it: rounding of the clock
+from taichi_jello.scene.keyframes import SLACK, factor, gravity
 
 
 class Change:

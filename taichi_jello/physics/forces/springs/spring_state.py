@@ -7,7 +7,7 @@ import numpy as np
 
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
-from taichi_jello.scene.keyframes import factor, largest, least
+from taichi_jello.scene.keyframes import SLACK, factor, largest, least
 
 Memory = Mapping[str, np.ndarray]
 NOTHING: Memory = {}
@@ -72,10 +72,8 @@ def strongest(scene: Scene, body: Body) -> tuple[np.ndarray, np.ndarray, float]:
     damping = body.damping * by_jello(scene, body, [largest(j.keyframe, "damping") for j in scene.jello])
     least = []
     for jello in scene.jello:
-        at = [
-            (factor(jello.keyframe, "stiffness", k.time), factor(jello.keyframe, "damping", k.time))
-            for k in jello.keyframe
-        ]
+        times = [k.time for k in jello.keyframe] + [k.time - 2.0 * SLACK for k in jello.keyframe if k.freeze]
+        at = [(factor(jello.keyframe, "stiffness", t), factor(jello.keyframe, "damping", t)) for t in times]
         least.append(min((c / k for k, c in at or [(1.0, 1.0)] if k > 0.0), default=np.inf))
     with np.errstate(invalid="ignore"):  # an undamped spring that is never stiff: 0 · ∞
         ratio = np.nan_to_num(ratio * by_jello(scene, body, least), nan=np.inf, posinf=np.inf)
