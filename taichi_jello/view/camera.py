@@ -14,6 +14,7 @@ STEEPEST = 0.995  # the sine of the steepest view up or down: at 1 the picture w
 UP = np.array([0.0, 1.0, 0.0])
 FILLED = 0.85  # of the picture's half height and width, by what a view is fitted to
 AROUND = 2.0  # of the jellos' diagonal: how far from them a large collider counts
+TURNS = np.radians([0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0])  # of the eye around the scene
 LOST = 0.12  # of the same: what takes less is looked at from nearer
 ASPECT = 16.0 / 9.0  # of the pictures that cameras are set up for
 
@@ -47,18 +48,32 @@ class Viewpoint:
     @classmethod
     def first(cls, scene: Scene, body: Body, aspect: float = ASPECT) -> "Viewpoint":
         """The scene's own; where it has none, and the usual one leaves jellos, colliders or the floor below jellos out
-        of a picture `aspect` times as wide as high, or makes them too small, one from the same side that shows them."""
+        of a picture `aspect` times as wide as high, or makes them too small, one that shows them, if it
+        can from the same side."""
         view, usual = cls.of(scene.camera, aspect), Camera()
         if (scene.camera.eye, scene.camera.target) != (usual.eye, usual.target):
             return view
         corners = _corners(scene, body)
         middle, away = 0.5 * (corners.min(0) + corners.max(0)), view.eye - view.target
         centred = cls(middle + away, middle, view.fov)
-        if view.way_to(corners, 1.0, aspect) <= 0.0 < centred.way_to(corners, LOST, aspect):
+        shown = view.way_to(corners, 1.0, aspect) <= 0.0 < centred.way_to(corners, LOST, aspect)
+        if shown and view.clear_of(scene):
             return view
         least = 2.0 * NEAR + 0.5 * float(np.linalg.norm(np.ptp(corners, axis=0)))
-        distance = max(least, view.distance + centred.way_to(corners, FILLED, aspect))
-        return cls(middle + _unit(away) * distance, middle, view.fov)
+        fitted = []
+        for turn in TURNS:  # the first from which nothing is seen through the ground
+            side = cls(middle + away, middle, view.fov)
+            side.orbit(turn, 0.0)
+            distance = max(least, view.distance + side.way_to(corners, FILLED, aspect))
+            fitted.append(cls(middle + _unit(side.eye - middle) * distance, middle, view.fov))
+            if fitted[-1].clear_of(scene):
+                return fitted[-1]
+        return fitted[0]
+
+    def clear_of(self, scene: Scene) -> bool:
+        """Whether the eye is outside all colliders but rooms, whose walls are not drawn."""
+        solid = [collider for collider in scene.collider if not isinstance(collider, Room)]
+        return all(float(each.distance((self.eye - each.place(0.0))[None])[0]) > 0.0 for each in solid)
 
     def way_to(self, points: np.ndarray, filled: float, aspect: float) -> float:
         """How far [m] the eye has to go back until the points (n, 3) take at most `filled` of the picture's half height

@@ -19,6 +19,7 @@ from taichi_jello import (
     Snapshot,
 )
 from taichi_jello.physics.forces.springs.hooke import Springs
+from taichi_jello.scene.keyframes import factor
 
 WEIGHTLESS = (0.0, 0.0, 0.0)
 
@@ -114,6 +115,31 @@ def test_frozen_it_keeps_the_shape_that_it_has_melted_to():
     assert np.ptp(simulation.x[:64], axis=0) == pytest.approx([1.15] * 3, rel=0.005)
     assert simulation.energies()["elastic"] < 1e-3
     assert np.ptp(simulation.x[64:, 0]) == pytest.approx(1.0)
+
+
+def test_what_freezes_and_stiffens_at_once_freezes_first():
+    """Melted in gravity onto the ground: until it freezes it is as soft as before, then it stays as flat as it is."""
+    rows = [
+        Keyframe(time=0.0, stiffness=1.0),
+        Keyframe(time=0.2, stiffness=0.0),
+        Keyframe(time=0.6, stiffness=1.0, freeze=True),
+        Keyframe(time=1.0, stiffness=2.0),
+    ]
+    assert [factor(rows, "stiffness", t) for t in (0.1, 0.3, 0.5999, 0.6 - 1e-12, 0.8)] == pytest.approx(
+        [0.5, 0.0, 0.0, 1.0, 1.5]
+    )
+    assert (
+        factor(
+            [Keyframe(time=1.0, rest_length=1.0), Keyframe(time=2.0, rest_length=2.0, freeze=True)], "rest_length", 1.5
+        )
+        == 1.5
+    )
+    simulation = Simulation(Scene(jello=[cube(damping=0.5, keyframe=rows)], collider=[Plane()]))
+    simulation.advance(0.6)
+    flat = np.ptp(simulation.x, axis=0)
+    assert flat[1] < 0.8
+    simulation.advance(1.4)
+    assert np.ptp(simulation.x, axis=0) == pytest.approx(flat, abs=0.1)
 
 
 def test_a_run_cut_in_two_remembers_the_shape_it_froze_in(anew):
