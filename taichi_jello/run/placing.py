@@ -37,10 +37,12 @@ def tops(collider: Sequence[Collider], points: np.ndarray) -> np.ndarray:
 def placed(scene: Scene, bodies: list[Body]) -> list[Body]:
     """The bodies of the scene's jellos, those without a position moved to where they begin."""
     free = [j for j, jello in enumerate(scene.jello) if jello.position is None and jello.x is None]
-    if not free or not scene.collider:
+    if not free or not scene.collider or scene.gravity[1] >= 0.0:
         return bodies
     points = row([outline(bodies[j])[0] for j in free])
     where = middle(scene.collider, np.concatenate(points))
+    if where is None:
+        return bodies
     points = [standing(scene.collider, each + where) for each in points]
     others = [body.extent(0) for j, body in enumerate(bodies) if j not in free]
     if any(overlap(each, other) for each in points for other in others):
@@ -65,15 +67,16 @@ def row(points: list[np.ndarray]) -> list[np.ndarray]:
     return moved
 
 
-def middle(collider: Sequence[Collider], points: np.ndarray) -> np.ndarray:
+def middle(collider: Sequence[Collider], points: np.ndarray) -> np.ndarray | None:
     """(3,) [m] where, at y = 0, the middle of a row of jellos belongs: in the middle of a room, else at the origin, or
-    over the first collider that carries something there. points (n, 3) [m]: of the row around the origin."""
+    over the first collider that carries something; None without any. points (n, 3) [m]: of the row around the origin.
+    """
     rooms = [0.5 * (np.array(room.max) - room.min) + room.place(0.0) for room in collider if isinstance(room, Room)]
     for choice in rooms or [np.zeros(3), *(each.place(0.0) for each in collider)]:
         level = choice * [1.0, 0.0, 1.0]
         if np.isfinite(tops(collider, points + level)).any():
             return level
-    return np.zeros(3)
+    return None
 
 
 def standing(collider: Sequence[Collider], points: np.ndarray) -> np.ndarray:

@@ -162,8 +162,8 @@ class Force(Checked):
 class Jello(Checked):
     """One soft body. A subclass in `shapes` names its `shape` and builds the points and springs.
 
-    position [m] of its centre: without it, just above the collider below it, beside others without a position, or at
-    the origin if there is no collider. rotation [degrees about x, then y, then z], velocity [m/s], spin [rad/s], mass
+    position [m] of its centre: without it, just above the collider that carries it, beside others without a position,
+    and at the origin if nothing carries it. rotation [degrees about x, then y, then z], velocity [m/s], spin [rad/s], mass
     [kg] of the whole, stiffness [N/m] and damping [N·s/m] of each spring or a table by family. Instead of these a solid
     may have a Young's modulus young [Pa], a density [kg/m³] and a damping_ratio: see material.py. Giving both of a pair
     is an error (in Python only if the one replaced differs from its default).

@@ -5,16 +5,16 @@ import pytest
 
 from taichi_jello import Ball, Block, Box, Plane, Room, Rope, Scene, Sheet, Sphere, scenefiles
 from taichi_jello.run.assembly import assembled
+from taichi_jello.run.placing import outline
 from taichi_jello.scene.description import override
 
 SMALL = {"points": (3, 3, 3)}
 
 
 def gaps(scene):
-    """(jellos, colliders) [m] between the particles of each jello and each collider."""
-    body = assembled(scene)
-    owned = [body.x[body.jello == j] for j in range(len(scene.jello))]
-    return np.array([[c.distance(x - c.place(0.0)).min() for c in scene.collider] for x in owned])
+    """(colliders,) [m] between the jellos' surface and each collider."""
+    points, _ = outline(assembled(scene))
+    return np.array([c.distance(points - c.place(0.0)).min() for c in scene.collider])
 
 
 def test_the_smallest_scene_stands_on_level_ground(tmp_path):
@@ -26,7 +26,7 @@ def test_the_smallest_scene_stands_on_level_ground(tmp_path):
     assert low == pytest.approx([-0.5, 0.02, -0.5]) and high == pytest.approx([0.5, 1.02, 0.5])
     path.write_text('collider = []\n[[jello]]\nshape = "box"\n')
     scene = scenefiles.load(str(path))
-    assert scene.collider == () and not assembled(scene).x.mean(0).any()
+    assert scene.collider == () and assembled(scene).extent(0)[1] == pytest.approx([0.5, 0.5, 0.5])
     scenefiles.save(scene, str(path))
     assert scenefiles.load(str(path)) == scene
 
@@ -69,5 +69,13 @@ def test_several_stand_side_by_side_and_beside_what_has_its_place():
 
 def test_a_position_is_kept_as_it_is_and_one_coordinate_can_be_set():
     inside = Scene(jello=[Box(position=(0.0, 0.0, 0.0), **SMALL)], collider=[Plane()])
-    assert not assembled(inside).x.mean(0).any()
+    assert assembled(inside).extent(0)[1] == pytest.approx([0.5, 0.5, 0.5])
     assert override(Scene(jello=[Box()]), ["jello", "0", "position", "1"], 2).jello[0].position == (0.0, 2.0, 0.0)
+
+
+def test_without_anything_to_stand_on_it_begins_at_the_origin():
+    for scene in (
+        Scene(jello=[Box(**SMALL)], collider=[Plane(normal=(1, 0, 0))]),
+        Scene(jello=[Box(**SMALL)], collider=[Plane()], gravity=(0, 0, 0)),
+    ):
+        assert np.array_equal(assembled(scene).x, Box(**SMALL).body().x)
