@@ -163,10 +163,10 @@ class Jello(Checked):
     """One soft body. A subclass in `shapes` names its `shape` and builds the points and springs.
 
     position [m] of its centre: without it, just above the collider that carries it, beside others without a position,
-    and at the origin if nothing carries it. rotation [degrees about x, then y, then z], velocity [m/s], spin [rad/s], mass
-    [kg] of the whole, stiffness [N/m] and damping [N·s/m] of each spring or a table by family. Instead of these a solid
-    may have a Young's modulus young [Pa], a density [kg/m³] and a damping_ratio: see material.py. Giving both of a pair
-    is an error (in Python only if the one replaced differs from its default).
+    and at the origin if nothing carries it. rotation [degrees about x, then y, then z], velocity [m/s], spin [rad/s],
+    mass [kg] of the whole, stiffness [N/m] and damping [N·s/m] of each spring or a table by family. Instead of these a
+    solid may have a Young's modulus young [Pa], a density [kg/m³] and a damping_ratio: see material.py. Giving both of
+    a pair is an error (in Python only if the one replaced differs from its default).
     creep [1/s]: the rate at which rest lengths relax to the springs' lengths; yield_strain: beyond it they follow at
     once; tear_strain, relative to the initial or frozen length: at it a spring breaks; 0: never.
     x [m], v [m/s]: (N, 3) initial positions and velocities of the points, in place of the above.
