@@ -143,7 +143,8 @@ def test_what_freezes_and_stiffens_at_once_freezes_first():
 
 
 def test_a_run_cut_in_two_remembers_the_shape_it_froze_in(anew):
-    scene = Scene(jello=[cube(damping=0.2, keyframe=FROZEN)], collider=[Plane(point=(0.0, -0.5, 0.0))])
+    lying = cube(damping=0.2, keyframe=FROZEN, position=(0.0, 0.0, 0.0))
+    scene = Scene(jello=[lying], collider=[Plane(point=(0.0, -0.5, 0.0))])
     anew()
     whole = Simulation(scene)
     whole.step(40 * whole.substeps)
