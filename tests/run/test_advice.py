@@ -23,6 +23,7 @@ from taichi_jello import (
     Sphere,
     scenefiles,
 )
+from taichi_jello.run import start_warnings
 from taichi_jello.run.assembly import assembled
 
 FALLING = {"collider": [Plane()]}
@@ -91,25 +92,31 @@ def test_it_is_told_at_the_beginning_only():
         simulation.frame()
 
 
+def told_of_colliders(jello, collider):
+    scene = Scene(jello=[jello], collider=[collider])
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always", SceneWarning)
+        start_warnings.on_colliders(scene, assembled(scene))
+    return [str(warning.message) for warning in found]
+
+
 def test_what_begins_in_a_collider_is_told_with_its_depth_and_the_way_out():
     """Raised by what is advised, nothing is told; what is at the side of a pillar has a nearer way out."""
     slope, ball, pillar = Plane(normal=(0.0, 1.0, 0.5)), Sphere(radius=0.6), Block(size=(1.0, 9.0, 1.0))
     for collider, x in ((Plane(), 0.0), (slope, 0.0), (ball, 0.0), (pillar, 0.9)):
         jello = Box(points=(3, 3, 3), position=(x, 0.3, 0.0))
-        (words,) = told(Scene(jello=[jello], collider=[collider]))
-        found = re.match(
-            rf"jello.0 begins (\S+) m deep in collider.0, a {collider.type}, and is thrown out: (.+)", words
-        )
+        (words,) = told_of_colliders(jello, collider)
         depth = -collider.distance(assembled(Scene(jello=[jello])).x).min()
-        assert float(found[1]) == pytest.approx(depth, rel=0.01)
-        way, by = found[2].split(" by ") if " by " in found[2] else found[2].split(" it ")
+        begins = f"jello.0 begins {depth:.3g} m deep in collider.0, a {collider.type}, and is thrown out: "
+        assert words.startswith(begins)
+        advised = words.removeprefix(begins)
         if collider is pillar:
-            assert way == "move" and by == "0.101 m away"
+            assert advised == "move it 0.101 m away"
             continue
-        assert way == "raise position.y"
-        assert not told(Scene(jello=[replace(jello, position=(x, 0.3 + float(by), 0.0))], collider=[collider]))
+        rise = float(re.fullmatch(r"raise position\.y by (\S+)", advised)[1])
+        assert not told_of_colliders(replace(jello, position=(x, 0.3 + rise, 0.0)), collider)
     held = Box(points=(3, 3, 3), position=(0.0, 0.3, 0.0), pin=[Pin(max=(1, 0, 1))])
-    assert not any("begins" in words and "deep" in words for words in told(Scene(jello=[held], **FALLING)))
+    assert not told_of_colliders(held, Plane())
 
 
 @pytest.mark.parametrize("name", ["bridge", "crowd", "rabbit", "stack"])
