@@ -1,10 +1,11 @@
-"""From the jellos of a scene to its one Body: each jello's shape, then its material and regions."""
+"""From the jellos of a scene to its one Body: each jello's shape, then its material, regions and place."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from taichi_jello.physics.colliders.room import Room
+from taichi_jello.run.placing import placed
 from taichi_jello.scene.body import Body, join
 from taichi_jello.scene.description import Jello, Scene
 from taichi_jello.scene.keyframes import offset
@@ -46,7 +47,7 @@ def assembled(scene: Scene) -> Body:
             bodies.append(built(jello))
         except SceneError as error:
             raise error.within(f"jello.{index}") from None
-    body = join(bodies)
+    body = join(placed(scene, bodies))
     for c, room in [(c, room) for c, room in enumerate(scene.collider) if isinstance(room, Room)]:
         for j in range(len(scene.jello)):
             low, high = (corner - offset(room.keyframe, 0.0) for corner in body.extent(j))

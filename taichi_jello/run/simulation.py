@@ -49,6 +49,7 @@ class Simulation:
         self.body: Body = assembled(scene)
         if check_start:
             start_warnings.on_crossings(scene, self.body)
+            start_warnings.on_colliders(scene, self.body)
         name = method or scene.solver.method
         self.choice = Choice(scene, self.body, self.asked_step != AUTOMATIC) if name == AUTO else None
         self.system = System(scene, self.body, method=self.choice or name, team=team, ledger=ledger)

@@ -4,9 +4,10 @@ import warnings
 
 import numpy as np
 
-from taichi_jello.physics.forces.contact_law import contact_numbers, least_extents, standing_points
+from taichi_jello.physics.forces.contact_law import LARGEST_SAG, contact_numbers, least_extents, standing_points
 from taichi_jello.physics.forces.grab import Grab
 from taichi_jello.physics.forces.soft_contact.surface.crossings import Surfaces, crossings
+from taichi_jello.run.placing import lift_out, outline
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
 from taichi_jello.scene.validation import SceneError
@@ -14,6 +15,8 @@ from taichi_jello.support.wording import counted
 
 MAX_SINK = 0.1  # of its least extent, by which a jello may sink into its support
 ADVISED_SINK = 0.01  # the same, with the advised stiffness
+MAX_LIFT = 3.0  # of the depth in a collider, up to which raising is the way out of it
+MARGIN = 1.01  # of an advised distance
 MAX_STRAIN = 1e-3  # of a spring at rest
 MAX_GAIN = 2.0  # m/s that a jello may gain in its first frame besides gravity
 
@@ -43,6 +46,33 @@ def on_contact(scene: Scene, body: Body) -> None:
                 SceneWarning,
                 stacklevel=3,
             )
+
+
+def on_colliders(scene: Scene, body: Body) -> None:
+    """Warn of jellos that begin inside a collider."""
+    points, owner = outline(body)
+    for j, c, depth in begun_inside(scene, body):
+        collider = scene.collider[c]
+        lift = lift_out([collider], points[owner == j])
+        upwards = lift < MAX_LIFT * depth
+        mend = f"raise position.y by {lift * MARGIN:.3g}" if upwards else f"move it {depth * MARGIN:.3g} m away"
+        message = f"jello.{j} begins {depth:.3g} m deep in collider.{c}, a {collider.type}, and is thrown out: {mend}"
+        warnings.warn(message, SceneWarning, stacklevel=3)
+
+
+def begun_inside(scene: Scene, body: Body) -> list[tuple[int, int, float]]:
+    """(jello, collider, depth [m]) of each free jello that begins deeper in a collider than it would rest there."""
+    if not scene.collider or scene.contact.stiffness == 0.0:
+        return []
+    points, owner = outline(body)
+    allowed = LARGEST_SAG * least_extents(body)
+    allowed[body.jello[body.pinned]] = np.inf  # it may be held there
+    found = []
+    for c, collider in enumerate(scene.collider):
+        depth = np.zeros(len(allowed))
+        np.maximum.at(depth, owner, -collider.distance(points - collider.place(0.0)))
+        found += [(int(j), c, float(depth[j])) for j in np.flatnonzero(depth > allowed)]
+    return sorted(found)
 
 
 def on_crossings(scene: Scene, body: Body) -> None:
@@ -84,7 +114,8 @@ def on_start(scene: Scene, body: Body, v: np.ndarray) -> None:
     # 2 max(before): what the fastest jello can give to a light one.
     gained = MAX_GAIN + 2.0 * frame * float(np.linalg.norm(scene.gravity)) + 2.0 * float(before.max())
     held = np.isin(np.arange(len(at_rest)), body.jello[body.pinned])
-    for j in np.flatnonzero((after - before > gained) & (at_rest | ~held)):
+    known = [j for j, _, _ in begun_inside(scene, body)]
+    for j in np.setdiff1d(np.flatnonzero((after - before > gained) & (at_rest | ~held)), known):
         warnings.warn(
             f"jello.{j} reaches {after[j]:.2g} m/s within the first frame: what begins inside the "
             "ground or another jello, or nearer to a sheet or rope than these are thick, is thrown out",

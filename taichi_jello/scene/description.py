@@ -137,6 +137,20 @@ class Collider(Checked):
         """The height [m] of a level floor that receives shadows, if any."""
         return None
 
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """(n,) [m] signed distances of `points` (n, 3) relative to its origin, negative inside: `signed_distance` in
+        NumPy."""
+        return np.full(len(points), np.inf)
+
+    def top(self, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """(n,) [m] the height of its upper side at (x, z), all relative to its origin; -inf where nothing can stand."""
+        return np.full(len(x), -np.inf)
+
+    def extent(self) -> np.ndarray | None:
+        """(2, 3) [m] opposite corners of its bounding box, relative to its origin; None if it is infinite."""
+        points = np.concatenate([self.mesh(1.0)[0], self.edges(1.0).reshape(-1, 3)])
+        return np.stack([points.min(0), points.max(0)]) if len(points) else None
+
 
 @dataclass(frozen=True, kw_only=True)
 class Force(Checked):
@@ -149,10 +163,11 @@ class Force(Checked):
 class Jello(Checked):
     """One soft body. A subclass in `shapes` names its `shape` and builds the points and springs.
 
-    position [m] of its centre, rotation [degrees about x, then y, then z], velocity [m/s], spin [rad/s], mass [kg] of
-    the whole, stiffness [N/m] and damping [N·s/m] of each spring or a table by family. Instead of these a solid may
-    have a Young's modulus young [Pa], a density [kg/m³] and a damping_ratio: see material.py. Giving both of a pair is
-    an error (in Python only if the one replaced differs from its default).
+    position [m] of its centre: without it, just above the collider that carries it, beside others without a position,
+    and at the origin if nothing carries it. rotation [degrees about x, then y, then z], velocity [m/s], spin [rad/s],
+    mass [kg] of the whole, stiffness [N/m] and damping [N·s/m] of each spring or a table by family. Instead of these a
+    solid may have a Young's modulus young [Pa], a density [kg/m³] and a damping_ratio: see material.py. Giving both of
+    a pair is an error (in Python only if the one replaced differs from its default).
     creep [1/s]: the rate at which rest lengths relax to the springs' lengths; yield_strain: beyond it they follow at
     once; tear_strain, relative to the initial or frozen length: at it a spring breaks; 0: never.
     volume: how a solid resists a change of its volume, over Young's modulus of its springs; 0: by the springs alone, 1:
@@ -161,7 +176,7 @@ class Jello(Checked):
     """
 
     shape: ClassVar[str]
-    position: Vector = (0.0, 0.0, 0.0)
+    position: Vector | None = field(default=None, metadata={"guide": "just above what carries it"})
     rotation: Vector = (0.0, 0.0, 0.0)
     velocity: Vector = (0.0, 0.0, 0.0)
     spin: Vector = (0.0, 0.0, 0.0)
@@ -192,7 +207,8 @@ class Jello(Checked):
     def check(self) -> dict[str, Any]:
         if isinstance(self.springs, str) or not isinstance(self.springs, Sequence):
             raise SceneError("springs", f"expected a list of {', '.join(FAMILIES)}, got {shown(self.springs)}")
-        absent = [name for name in ("young", "density", "damping_ratio", "x", "v") if getattr(self, name) is None]
+        optional = ("position", "young", "density", "damping_ratio", "x", "v")
+        absent = [name for name in optional if getattr(self, name) is None]
         checked: dict[str, Any] = {
             "springs": tuple(word("springs", family, FAMILIES) for family in self.springs),
             "self_contact": truth("self_contact", self.self_contact),
@@ -206,7 +222,8 @@ class Jello(Checked):
         for name in ("stiffness", "damping"):
             checked[name] = by_family(name, getattr(self, name))
         for name, most in (("position", LARGEST), ("rotation", LARGEST), ("velocity", FASTEST), ("spin", LARGEST)):
-            checked[name] = vector(name, getattr(self, name), most=most)
+            if name not in absent:
+                checked[name] = vector(name, getattr(self, name), most=most)
         for name, most in (("x", LARGEST), ("v", FASTEST)):
             if name not in absent:
                 checked[name] = vectors(name, getattr(self, name), most=most)
@@ -238,7 +255,8 @@ class Jello(Checked):
 @dataclass(frozen=True, kw_only=True)
 class Scene(Checked):
     """A scene: gravity [m/s²] (keyframes of its own replace it), drag [1/s], headless length `seconds`, jellos,
-    colliders and external forces."""
+    colliders and external forces. A TOML file that does not mention `collider` has a level plane at y = 0, one with
+    `collider = []` none; in Python there is none without it."""
 
     title: str = ""
     gravity: Vector = (0.0, -9.81, 0.0)
@@ -247,7 +265,7 @@ class Scene(Checked):
     solver: Solver = field(default_factory=Solver)
     contact: Contact = field(default_factory=Contact)
     camera: Camera = field(default_factory=Camera)
-    collider: Sequence[Collider] = ()
+    collider: Sequence[Collider] = field(default=(), metadata={"guide": "a level plane at y = 0"})
     jello: Sequence[Jello] = ()
     force: Sequence[Force] = ()
     keyframe: Sequence[GravityKeyframe] = ()
@@ -278,7 +296,10 @@ def override(part: Any, path: Sequence[str], value: Any, key: str = "") -> Any:
         names = [f.name for f in fields(part)]
         if head not in names:
             raise SceneError(key, f"unknown key, expected one of {', '.join(names)}")
-        new = override(getattr(part, head), rest, value, key) if rest else value
+        now = getattr(part, head)
+        if rest and head == "position" and now is None:
+            now = (0.0, 0.0, 0.0)
+        new = override(now, rest, value, key) if rest else value
         pairs = [pair for pair in getattr(part, "either", ()) if head in pair]
         defaults = {name: getattr(type(part), name) for pair in pairs for name in pair}
         try:

@@ -12,6 +12,9 @@ import numpy as np
 
 from taichi_jello.scene.validation import Checked, SceneError, Vector, number, truth, vector
 
+SLACK = 1e-9  # s by which a frame may begin before a keyframe and still be meant by it: rounding of the clock
+HELD = ("stiffness", "damping")  # factors that do not approach the value they have once frozen
+
 
 @dataclass(frozen=True, kw_only=True)
 class Timed(Checked):
@@ -35,7 +38,8 @@ class Timed(Checked):
 class Keyframe(Timed):
     """Factors on a jello's stiffness, damping and rest lengths at `time` [s]. A factor that is left out is interpolated
     from the keyframes that give it; without any it is 1. freeze: from here on the springs' current lengths are their
-    rest lengths, so the jello keeps its deformed shape."""
+    rest lengths, so the jello keeps its deformed shape. Freezing comes first: stiffness and damping that the same
+    keyframe gives keep their values of the keyframe before until then and change at once, in the frozen shape."""
 
     stiffness: float | None = None
     damping: float | None = None
@@ -73,6 +77,9 @@ def factor(rows: Sequence[Keyframe], name: str, time: float) -> float:
     given = [row for row in rows if getattr(row, name) is not None]
     if not given:
         return 1.0
+    begun = sum(row.time <= time + SLACK for row in given)
+    if 0 < begun < len(given) and given[begun].freeze and name in HELD:
+        return float(getattr(given[begun - 1], name))
     return float(np.interp(time, [row.time for row in given], [getattr(row, name) for row in given]))
 
 

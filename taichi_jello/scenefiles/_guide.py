@@ -30,6 +30,8 @@ def tables() -> Iterator[tuple[str, Any, Any]]:
 
 def default(key: Field[Any]) -> str:
     """The default of a key, in words."""
+    if "guide" in key.metadata:
+        return str(key.metadata["guide"])
     if key.default is MISSING:
         return "required" if key.default_factory is MISSING else "see below"
     if key.default in ((), None):

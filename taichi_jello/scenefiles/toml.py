@@ -16,6 +16,7 @@ from taichi_jello.scenefiles._lines import line_of as line_of
 from taichi_jello.scenefiles._table import CHOICES, kinds, scene_from
 
 SUFFIX = ".toml"
+LEVEL_GROUND = [{"type": "plane"}]  # of a file without `collider`
 WIDTH = 110  # columns of an array on one line
 
 
@@ -25,7 +26,7 @@ def load(path: Path) -> Scene:
     except UnicodeDecodeError as error:
         raise SceneError("", f"expected text in UTF-8: {error.reason} at byte {error.start}") from None
     try:
-        return scene_from(tomllib.loads(text))
+        return scene_from({"collider": LEVEL_GROUND} | tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise SceneError("", f"not valid TOML: {cut(str(error), 200)}") from None
     except RecursionError:
@@ -37,10 +38,10 @@ def load(path: Path) -> Scene:
 
 
 def dump(scene: Scene) -> str:
-    """The scene as TOML that `load` reads back unchanged, without default values.
+    """The scene as TOML that `load` reads back unchanged, without default values, but with `collider = []` for none.
 
     Raises SceneError, naming the key, for functions and for classes without a name in files."""
-    table = _table("", scene)
+    table = {"collider": []} | _table("", scene)
     for force, values in zip(scene.force, table.pop("force", []), strict=True):
         table.setdefault(force.key, []).append(values)
     for key in {force.key for force in scene.force}:

@@ -158,7 +158,7 @@ def spring_body(
     lower_first = np.where(springs[:, :1] < springs[:, 1:], 1.0, -1.0)
     return Body(
         rest=rest,
-        x=turned + jello.position,
+        x=turned + (jello.position or (0.0, 0.0, 0.0)),
         v=np.array(jello.velocity) + np.cross(jello.spin, turned),
         pinned=np.any([np.zeros(len(rest), bool)] + [p.holds(places(rest, rest)) for p in jello.pin], axis=0),
         jello=np.zeros(len(rest), np.int32),

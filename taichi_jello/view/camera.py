@@ -14,6 +14,8 @@ MAX_ELEVATION_SINE = 0.995  # at 1 the picture would spin about its own axis
 UP = np.array([0.0, 1.0, 0.0])
 FIT = 0.85  # of the picture's half height and width, filled by a view that is fitted to the scene
 MIN_FIT = 0.12  # of the same: a view that fills less moves closer
+NEARBY = 2.0  # diagonals of the jellos within which a large collider counts
+TURNS = np.radians([0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0])  # of the eye around the scene
 ASPECT = 16.0 / 9.0  # width over height of the pictures that scene cameras are meant for
 
 
@@ -49,11 +51,24 @@ class Viewpoint:
         corners = _corners(scene, body)
         middle, arm = 0.5 * (corners.min(0) + corners.max(0)), view.eye - view.target
         centred = cls(middle + arm, middle, view.fov)
-        if view._retreat(corners, 1.0, aspect) <= 0.0 < centred._retreat(corners, MIN_FIT, aspect):
+        shows_all = view._retreat(corners, 1.0, aspect) <= 0.0 < centred._retreat(corners, MIN_FIT, aspect)
+        if shows_all and view.clear_of(scene):
             return view
         outside = 2.0 * NEAR + 0.5 * float(np.linalg.norm(np.ptp(corners, axis=0)))
-        distance = max(outside, view.distance + centred._retreat(corners, FIT, aspect))
-        return cls(middle + _unit(arm) * distance, middle, view.fov)
+        fitted = []
+        for turn in TURNS:  # the first from which nothing is seen through the ground
+            side = cls(middle + arm, middle, view.fov)
+            side.orbit(turn, 0.0)
+            distance = max(outside, view.distance + side._retreat(corners, FIT, aspect))
+            fitted.append(cls(middle + _unit(side.eye - middle) * distance, middle, view.fov))
+            if fitted[-1].clear_of(scene):
+                return fitted[-1]
+        return fitted[0]
+
+    def clear_of(self, scene: Scene) -> bool:
+        """Whether the eye is outside all colliders but rooms, whose walls are not drawn."""
+        solid = [collider for collider in scene.collider if not isinstance(collider, Room)]
+        return all(float(each.distance((self.eye - each.place(0.0))[None])[0]) > 0.0 for each in solid)
 
     def _retreat(self, points: np.ndarray, fit: float, aspect: float) -> float:
         """How far [m] the eye must move back, until points (n, 3) fill at most `fit` of the picture's half sides."""
@@ -129,15 +144,35 @@ class Viewpoint:
         depth = np.where(flat[:, 2:] > NEAR, flat[:, 2:], np.nan)
         return flat[:, :2] / depth
 
+    def sees(self, points: np.ndarray, size: tuple[int, int]) -> bool:
+        """Whether what is between the points (n, 3) [m] may be in the picture: False if all are beyond the same edge of
+        it, or behind the eye."""
+        matrix = self.to_pixels(size)
+        column, row, depth = matrix[:, :3] @ np.asarray(points, float).T + matrix[:, 3:]
+        width, height = size
+        beyond = [column < 0.0, column > width * depth, row < 0.0, row > height * depth, depth < NEAR]
+        return not any(side.all() for side in beyond)
+
     def pixels_per_meter(self, height: int) -> float:
         """Pixels that one metre at a distance of one metre covers in a picture `height` pixels high."""
         return 0.5 * height / float(np.tan(np.radians(self.fov) / 2.0))
 
 
 def _corners(scene: Scene, body: Body) -> np.ndarray:
-    """(n, 3) [m]: corners of the box around all jellos, down to the highest floor below them, and of the rooms."""
+    """(n, 3) [m]: corners of the box around all jellos, of that below it down to the highest floor, and of the finite
+    colliders. Of a collider much larger than the jellos only what is near them counts, but of a room all."""
     low, high = body.x.min(0), body.x.max(0)
     floors = [level for collider in scene.collider if (level := collider.floor()) is not None and level < low[1]]
     boxes = [(np.array([low[0], max(floors, default=low[1]), low[2]]), high)]
-    boxes += [(np.array(room.min), np.array(room.max)) for room in scene.collider if isinstance(room, Room)]
+    reach = NEARBY * float(np.linalg.norm(high - low))
+    for collider in scene.collider:
+        if (extent := collider.extent()) is None:
+            continue
+        first, last = extent + collider.place(0.0)
+        if not isinstance(collider, Room):
+            near = (first < high + reach) & (last > low - reach)
+            first, last = np.where(
+                near, [np.maximum(first, low - reach), np.minimum(last, high + reach)], [first, last]
+            )
+        boxes.append((first, last))
     return np.array([[box[k >> axis & 1][axis] for axis in range(3)] for box in boxes for k in range(8)])

@@ -25,7 +25,8 @@ def taichi(request):
 @pytest.fixture(scope="module")
 def cube(taichi):
     """One for all tests of this kind: it takes long to compile."""
-    scene = Scene(jello=[Box(points=(5, 5, 5), stiffness=HARD)], collider=[Plane()], solver=Solver(frame_dt=FRAME))
+    box = Box(points=(5, 5, 5), stiffness=HARD, position=(0.0, 0.0, 0.0))
+    scene = Scene(jello=[box], collider=[Plane()], solver=Solver(frame_dt=FRAME))
     return Simulation(scene, method="adaptive")
 
 

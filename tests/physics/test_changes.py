@@ -19,6 +19,7 @@ from taichi_jello import (
     Snapshot,
 )
 from taichi_jello.physics.forces.springs.hooke import Springs
+from taichi_jello.scene.keyframes import factor
 
 WEIGHTLESS = (0.0, 0.0, 0.0)
 
@@ -116,8 +117,27 @@ def test_frozen_it_keeps_the_shape_that_it_has_melted_to():
     assert np.ptp(simulation.x[64:, 0]) == pytest.approx(1.0)
 
 
+def test_what_freezes_and_stiffens_at_once_freezes_first():
+    """As loose until it freezes as before, it flies apart to 1 + 0.5·0.3 m; that stays its shape as it is stiff."""
+    rows = [
+        Keyframe(time=0.0, stiffness=0.0, damping=0.0),
+        Keyframe(time=0.3, stiffness=1.0, damping=8.0, freeze=True),
+        Keyframe(time=0.5, stiffness=2.0),
+    ]
+    times = (0.0, 0.2999, 0.3 - 1e-12, 0.4, 9.0)
+    assert [factor(rows, "stiffness", time) for time in times] == pytest.approx([0.0, 0.0, 1.0, 1.5, 2.0])
+    swelling = [Keyframe(time=1.0, rest_length=1.0), Keyframe(time=2.0, rest_length=2.0, freeze=True)]
+    assert factor(swelling, "rest_length", 1.5) == 1.5
+    simulation = Simulation(Scene(gravity=WEIGHTLESS, jello=[cube(damping=0.2, keyframe=rows)]))
+    simulation.restore(Snapshot(0.0, simulation.x, 0.5 * simulation.body.x))
+    simulation.advance(2.0)
+    assert np.ptp(simulation.x, axis=0) == pytest.approx([1.15] * 3, rel=0.005)
+    assert simulation.energies()["elastic"] < 1e-3
+
+
 def test_a_run_cut_in_two_remembers_the_shape_it_froze_in(anew):
-    scene = Scene(jello=[cube(damping=0.2, keyframe=FROZEN)], collider=[Plane(point=(0.0, -0.5, 0.0))])
+    lying = cube(damping=0.2, keyframe=FROZEN, position=(0.0, 0.0, 0.0))
+    scene = Scene(jello=[lying], collider=[Plane(point=(0.0, -0.5, 0.0))])
     anew()
     whole = Simulation(scene)
     whole.step(40 * whole.substeps)

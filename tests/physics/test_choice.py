@@ -19,7 +19,8 @@ def taichi(best_precision):
 
 
 def cube(stiffness, points=3, **solver):
-    return Scene(jello=[Box(points=(points,) * 3, stiffness=stiffness)], solver=Solver(**solver))
+    box = Box(points=(points,) * 3, stiffness=stiffness, position=(0.0, 0.0, 0.0))
+    return Scene(jello=[box], solver=Solver(**solver))
 
 
 @pytest.fixture(scope="module")

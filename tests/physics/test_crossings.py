@@ -69,7 +69,8 @@ def test_a_state_is_taken_as_it_is(tmp_path, here):
     apart.restore(Snapshot(0.0, x, np.zeros_like(x)))
     np.savez(tmp_path / "state.npz", x=x, v=np.zeros_like(x))
     (tmp_path / "crossed.toml").write_text(
-        '[[jello]]\nshape = "box"\npoints = [5, 5, 5]\n[[jello]]\nshape = "sheet"\npoints = [9, 9]\nsize = [2.0, 2.0]\n'
+        'collider = []\n[[jello]]\nshape = "box"\npoints = [5, 5, 5]\n'
+        '[[jello]]\nshape = "sheet"\npoints = [9, 9]\nsize = [2.0, 2.0]\n'
     )
     refused = here("run", "crossed.toml", "--seconds", "0", "-o", "a.npz")
     assert refused.returncode == 2 and "jello.1: expected a start apart from jello.0" in refused.stderr

@@ -162,6 +162,15 @@ def test_a_force_that_is_no_vector_is_told(function, told):
     assert raised.value.key == "force.0.function" and told in raised.value.problem
 
 
+def test_a_force_without_source_is_told():
+    names = {}
+    exec("def wind(x, v, t): return 0.1 * x", names)  # as in `python -c`
+    scene = Scene(jello=[Box(points=(2, 1, 1))], force=[CallableField(function=names["wind"])])
+    with pytest.raises(SceneError, match="expected a function in a file or a notebook") as raised:
+        Simulation(scene)
+    assert raised.value.key == "force.0.function" and "\n" not in str(raised.value)
+
+
 def test_a_force_of_other_arguments_is_told():
     for function, told in ((lambda x, v: x, "too many"), (lambda x, v, t, u: x, "missing a required argument: 'u'")):
         with pytest.raises(SceneError, match=f"function: expected a function of x, v and t: {told}"):

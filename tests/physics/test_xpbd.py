@@ -131,7 +131,7 @@ def test_a_point_slides_down_a_plane_as_coulomb_says():
     alpha, mu = np.radians(30.0), 0.3
     plane = Plane(normal=(np.sin(alpha), np.cos(alpha), 0.0))
     scene = Scene(
-        jello=[Box(points=(1, 1, 1), mass=0.01)],
+        jello=[Box(points=(1, 1, 1), mass=0.01, position=(0.0, 0.0, 0.0))],
         collider=[plane],
         contact=Contact(stiffness=1e5, damping=2.0, friction=mu),
     )

@@ -44,7 +44,7 @@ def test_it_is_timed_on_until_it_is_known_well_enough(monkeypatch):
 
 
 def test_on_the_command_line_each_scene_is_compiled_with_an_empty_cache(jello, tmp_path):
-    (tmp_path / "one.toml").write_text('[[jello]]\nshape = "box"\npoints = [2, 2, 2]\n')
+    (tmp_path / "one.toml").write_text('collider = []\n[[jello]]\nshape = "box"\npoints = [2, 2, 2]\n')
     done = jello("study", "footprint", "one.toml", "--set", "drag=0.1", "--json", "x.json")
     assert done.returncode == 0, done.stderr
     (row,) = json.loads((tmp_path / "x.json").read_text())["scenes"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from taichi_jello import Box, Camera, Plane, Room, Rope, Scene, Sheet
+from taichi_jello import Block, Box, Camera, Plane, Room, Rope, Scene, Sheet, Sphere
 from taichi_jello.run.assembly import assembled
 from taichi_jello.view.camera import FAR, NEAR, Viewpoint
 
@@ -105,3 +105,27 @@ def test_a_camera_that_is_given_or_shows_all_stays():
     for camera, height in ((own, 2.8), (Camera(), 0.8)):
         view, _ = shown(Scene(jello=[Box(position=(0.0, height, 0.0))], collider=[Plane()], camera=camera))
         assert view.eye == pytest.approx(camera.eye) and view.target == pytest.approx(camera.target)
+
+
+def test_colliders_are_in_the_picture_too():
+    far = Sphere(center=(-6.0, 1.0, 0.0), radius=0.5)
+    view, _ = shown(Scene(jello=[Box(position=(0.0, 0.6, 0.0))], collider=[Plane(), far]))
+    places = 2.0 * view.project(far.mesh(1.0)[0] + far.place(0.0), (1280, 720)) / (1280, 720) - 1.0
+    assert np.abs(places).max() < 0.9
+    ground = Block(size=(200.0, 1.0, 200.0))  # counts near the jello only
+    assert np.abs(shown(Scene(jello=[Box()], collider=[ground]))[1]).max() > 0.15
+
+
+def test_the_scene_is_not_seen_from_below_its_ground():
+    slope, far = Plane(normal=(-0.5, 1.0, 0.0)), Sphere(center=(6.0, 4.0, 0.0))
+    view, places = shown(Scene(jello=[Box()], collider=[slope, far]))
+    assert slope.distance(view.eye[None])[0] > 0.0 and np.abs(places).max() < 0.9
+
+
+def test_whether_anything_is_in_the_picture():
+    view, size = Viewpoint((0.0, 0.0, 5.0), (0.0, 0.0, 0.0)), (640, 360)
+    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    for factor in (0.1, 1.0, 100.0):  # all corners of the last are out of the picture, but what is between them is not
+        assert view.sees(factor * corners, size)
+    for middle in ((9.0, 0.0, 0.0), (-9.0, 0.0, 0.0), (0.0, 9.0, 0.0), (0.0, -9.0, 0.0), (0.0, 0.0, 9.0)):
+        assert not view.sees(corners + middle, size)

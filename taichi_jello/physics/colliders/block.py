@@ -81,3 +81,11 @@ class Block(Collider):
 
     def origin(self, time: float) -> np.ndarray:
         return np.array(self.center)
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        over = abs(points) - np.array(self.size) / 2.0
+        return np.linalg.norm(np.maximum(over, 0.0), axis=1) + np.minimum(over.max(1), 0.0)
+
+    def top(self, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+        width, height, depth = self.size
+        return np.where((abs(x) < width / 2.0) & (abs(z) < depth / 2.0), height / 2.0, -np.inf)

@@ -8,6 +8,8 @@ import taichi as ti
 
 from taichi_jello.scene.description import Collider, SceneError, Vector, vector
 
+STEEPEST = 0.1  # the least upward part of the normal of a plane that something can stand on
+
 
 @ti.func
 def signed_distance(p, shape):
@@ -83,6 +85,16 @@ class Plane(Collider):
 
     def origin(self, time: float) -> np.ndarray:
         return np.array(self.point)
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        return points @ np.array(self.normal)
+
+    def top(self, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+        nx, ny, nz = self.normal
+        return -(nx * x + nz * z) / ny if ny > STEEPEST else np.full(len(x), -np.inf)
+
+    def extent(self) -> None:
+        return None
 
     def floor(self) -> float | None:
         return self.point[1] if self.normal[1] > 0.999 else None

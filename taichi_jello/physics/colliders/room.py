@@ -47,5 +47,11 @@ class Room(Collider):
     def origin(self, time: float) -> np.ndarray:
         return np.array(self.min)
 
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        return np.minimum(points, np.array(self.max) - np.array(self.min) - points).min(1)
+
+    def top(self, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+        return np.zeros(len(x))
+
     def floor(self) -> float | None:
         return self.min[1]

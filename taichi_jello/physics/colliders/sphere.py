@@ -77,3 +77,10 @@ class Sphere(Collider):
         points, triangles = six_faces(np.ones(3), 2 / 16)
         points = np.tan(points * (pi / 4))
         return points * (self.radius / np.linalg.norm(points, axis=1, keepdims=True)), triangles
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(points, axis=1) - self.radius
+
+    def top(self, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+        squared = self.radius**2 - x**2 - z**2
+        return np.where(squared > 0.0, np.sqrt(np.maximum(squared, 0.0)), -np.inf)

@@ -158,6 +158,11 @@ def check_vector(key: str, function: Any) -> None:
     try:
         probe(0)
     except ti.TaichiCompilationError as error:
+        if "Cannot find source" in str(error):
+            problem = (
+                "expected a function in a file or a notebook: Taichi compiles its source, which Python keeps there"
+            )
+            raise SceneError(key, problem) from None
         raise SceneError(key, f"expected what Taichi compiles: {str(error).splitlines()[-1]}") from error
     if shapes != [(3,)]:
         found = f"an array of shape {shapes[0]}" if shapes and shapes[0] else "none"

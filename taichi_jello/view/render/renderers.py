@@ -1,15 +1,19 @@
 """Choosing a renderer, and pictures of a simulation."""
 
+import warnings
+
 import numpy as np
 
 from taichi_jello.run.replay import Recorded, Replayed
 from taichi_jello.run.simulation import Simulation
+from taichi_jello.run.start_warnings import SceneWarning
 from taichi_jello.support import runtime
 from taichi_jello.support.runtime import RuntimeProblem
 from taichi_jello.view.drawing.drawing import Drawing
 from taichi_jello.view.render import ggui, raster
 from taichi_jello.view.render.legend import legend as legend_sheet
 
+NO_JELLO = "no jello is in the picture: see camera.eye and camera.target, or leave both out"
 NAMES = ("auto", "ggui", "raster")
 Size = tuple[int, int]  # width and height [pixels]
 SIZE: Size = (1280, 720)
@@ -45,6 +49,9 @@ def finished(
     now = simulation.snapshot()
     drawing.update(now.x, now.v, now.time, color=color, memory=now.memory)
     renderer.draw(drawing, drawing.viewpoint)
+    owners = drawing.body.jello
+    if not any(drawing.viewpoint.sees(drawing.points[owners == j], renderer.size) for j in range(owners[-1] + 1)):
+        warnings.warn(NO_JELLO, SceneWarning, stacklevel=2)
     image = renderer.image()
     if legend:
         legend_sheet(drawing.key, simulation.time, renderer.size).stamp(image)

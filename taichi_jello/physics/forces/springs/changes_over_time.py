@@ -7,9 +7,7 @@ import numpy as np
 from taichi_jello.physics.forces.springs.spring_state import SpringState, by_jello, lengths, springs_at
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
-from taichi_jello.scene.keyframes import factor, gravity
-
-SLACK = 1e-9  # s that the clock's rounding may put the beginning of a frame before a keyframe
+from taichi_jello.scene.keyframes import SLACK, factor, gravity
 
 
 class SpringChange:

@@ -7,7 +7,7 @@ import numpy as np
 
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
-from taichi_jello.scene.keyframes import factor, largest, least
+from taichi_jello.scene.keyframes import SLACK, factor, largest, least
 
 Memory = Mapping[str, np.ndarray]
 NOTHING: Memory = {}
@@ -74,9 +74,10 @@ def strongest(scene: Scene, body: Body) -> tuple[np.ndarray, np.ndarray, float]:
     stiffness = body.stiffness * by_jello(scene, body, [largest(j.keyframe, "stiffness") for j in scene.jello])
     damping = body.damping * by_jello(scene, body, [largest(j.keyframe, "damping") for j in scene.jello])
     smallest = []
-    for path in (jello.keyframe for jello in scene.jello):
-        at = [tuple(factor(path, name, row.time) for name in ("stiffness", "damping")) for row in path] or [(1.0, 1.0)]
-        smallest.append(min((c / k for k, c in at if k > 0.0), default=np.inf))
+    for jello in scene.jello:
+        times = [k.time for k in jello.keyframe] + [k.time - 2.0 * SLACK for k in jello.keyframe if k.freeze]
+        at = [(factor(jello.keyframe, "stiffness", t), factor(jello.keyframe, "damping", t)) for t in times]
+        smallest.append(min((c / k for k, c in at or [(1.0, 1.0)] if k > 0.0), default=np.inf))
     with np.errstate(invalid="ignore"):  # an undamped spring that is never stiff: 0 · ∞
         ratio = np.nan_to_num(ratio * by_jello(scene, body, smallest), nan=np.inf, posinf=np.inf)
     return stiffness, damping, float(ratio.min(initial=np.inf))
