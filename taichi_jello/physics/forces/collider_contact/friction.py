@@ -5,6 +5,8 @@ they pull with no more than Coulomb's μN. At the end of a step the anchor follo
 rests where Coulomb's law holds it, without creep, and slides against μN where it does not.
 """
 
+from typing import Any
+
 import numpy as np
 import taichi as ti
 
@@ -36,12 +38,32 @@ def friction_stiffness(pressed, stretch, slide, friction, stiffness, grip, h):
     return cone(wanted, friction * pressed) * (stiffness + grip / h)
 
 
+def memory_of(title: str, partner: Any, place: Any, nobody: int) -> dict[str, np.ndarray]:
+    """The rows of `partner` (P,) that are not `nobody`, with their partners and places (P, 3)."""
+    partners = partner.to_numpy()
+    rows = np.flatnonzero(partners != nobody)
+    values = {"held points": rows, "held by": partners[rows], "held at": place.to_numpy()[rows]}
+    return {f"{title} {name}": value for name, value in values.items()} if len(rows) else {}
+
+
+def recall(memory: dict[str, np.ndarray], title: str, partner: Any, place: Any, nobody: int) -> None:
+    """Write what `memory_of` returned, and `nobody` to all other rows."""
+    partners, places = np.full(partner.shape, nobody, np.int32), np.zeros((*place.shape, place.n), np.float64)
+    if (rows := memory.get(f"{title} held points")) is not None:
+        by, at = (memory.get(f"{title} {name}", np.zeros(0)) for name in ("held by", "held at"))
+        if by.shape != rows.shape or at.shape != (len(rows), 3) or rows.min() < 0 or rows.max() >= len(partners):
+            raise ValueError(f"{title} held points: expected a state of this scene")
+        partners[rows.astype(int)], places[rows.astype(int)] = by, at
+    partner.from_numpy(partners)
+    place.from_numpy(places.astype(place.to_numpy().dtype))
+
+
 @ti.data_oriented
 class Anchors:
     """For each point the surface that holds it, and where on it, relative to the surface's own point [m]."""
 
     def __init__(self, title: str, memory: Memory, points: int):
-        self.title, self.number = title, memory.number
+        self.title = title
         self.anchor = memory.zeros(title, "anchors", (points, 3))
         self.surface = memory.table(title, "surfaces that hold", np.full(points, NO_SURFACE, np.int32))
 
@@ -66,19 +88,9 @@ class Anchors:
         self.surface[q] = NO_SURFACE
 
     def remembered(self) -> dict[str, np.ndarray]:
-        """The points that are held, the surfaces and the anchors; nothing if none is."""
-        surface = self.surface.to_numpy()
-        held = np.flatnonzero(surface != NO_SURFACE)
-        if not len(held):
-            return {}
-        values = {"held": held, "surfaces": surface[held], "anchors": self.anchor.to_numpy()[held]}
-        return {f"{self.title} {name}": value for name, value in values.items()}
+        """The points that are held, their surfaces and anchors; nothing if there are none."""
+        return memory_of(self.title, self.surface, self.anchor, NO_SURFACE)
 
     def recall(self, memory: dict[str, np.ndarray]) -> None:
-        """Restore the moment of `memory`; without one, points touch anew."""
-        surface, anchor = (np.zeros(field.shape + extra) for field, extra in ((self.surface, ()), (self.anchor, (3,))))
-        surface[:] = NO_SURFACE
-        if (held := memory.get(f"{self.title} held")) is not None:
-            surface[held], anchor[held] = (memory[f"{self.title} {name}"] for name in ("surfaces", "anchors"))
-        self.surface.from_numpy(surface.astype(np.int32))
-        self.anchor.from_numpy(anchor.astype(self.number))
+        """Restore the moment of `memory`; without one, points touch anew. Raises ValueError for another scene's."""
+        recall(memory, self.title, self.surface, self.anchor, NO_SURFACE)

@@ -8,7 +8,7 @@ that it has with the same jello.
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.forces.collider_contact.friction import TINY
+from taichi_jello.physics.forces.collider_contact.friction import TINY, memory_of, recall
 from taichi_jello.physics.forces.soft_contact.contacts import MAX_CONTACTS_PER_POINT
 from taichi_jello.physics.state import Memory
 
@@ -21,7 +21,7 @@ class Bristles:
     Kept from step to step, in the places of a point's contacts: the jello touched and the stretch."""
 
     def __init__(self, title: str, memory: Memory, contacts: int):
-        self.title, self.number = title, memory.number
+        self.title = title
         self.offset = memory.zeros(title, "offsets of contacts", (contacts, 3))
         self.jello = memory.table(title, "jellos that contacts stick to", np.full(contacts, NOBODY, np.int32))
         self.kept = memory.zeros(title, "stretches kept", (contacts, 3))
@@ -48,18 +48,9 @@ class Bristles:
         self.jello[contact] = NOBODY
 
     def remembered(self) -> dict[str, np.ndarray]:
-        """The places in use, the jellos and the stretches; nothing if there are none."""
-        jello = self.jello.to_numpy()
-        used = np.flatnonzero(jello != NOBODY)
-        if not len(used):
-            return {}
-        values = {"stuck": used, "jellos": jello[used], "stretches": self.kept.to_numpy()[used]}
-        return {f"{self.title} {name}": value for name, value in values.items()}
+        """The contacts that stick, the jellos touched and the stretches; nothing if there are none."""
+        return memory_of(self.title, self.jello, self.kept, NOBODY)
 
     def recall(self, memory: dict[str, np.ndarray]) -> None:
-        """Restore the moment of `memory`; without one, all contacts are new."""
-        jello, kept = np.full(self.jello.shape, NOBODY, np.int32), np.zeros((*self.kept.shape, 3), self.number)
-        if (used := memory.get(f"{self.title} stuck")) is not None:
-            jello[used], kept[used] = (memory[f"{self.title} {name}"] for name in ("jellos", "stretches"))
-        self.jello.from_numpy(jello)
-        self.kept.from_numpy(kept)
+        """Restore the moment of `memory`; without one, all contacts are new. Raises ValueError for another scene's."""
+        recall(memory, self.title, self.jello, self.kept, NOBODY)
