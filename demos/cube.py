@@ -14,6 +14,7 @@ def scene() -> Scene:
                 velocity=(3.0, 0.0, 0.4),
                 stiffness=30.0,
                 damping=0.03,
+                volume=1.0,
             )
         ],
         collider=[

@@ -15,6 +15,7 @@ def scene() -> Scene:
                 spin=(1.0, 3.0, 2.0),
                 stiffness=20.0,
                 damping=0.01,
+                volume=1.0,
             )
         ],
         contact=Contact(stiffness=2000.0, damping=0.05, friction=0.1),

@@ -7,7 +7,7 @@ from reference import read
 
 from taichi_jello import Box, CallableField, GridField, Plane, Room, Scene, SceneError, Simulation, Sphere
 from taichi_jello.physics.colliders import plane, sphere
-from taichi_jello.physics.forces.collider_contact import collider_penalty
+from taichi_jello.physics.forces.collider_contact import collider_penalty, friction
 from taichi_jello.physics.forces.springs import hooke
 from taichi_jello.support import runtime
 
@@ -59,14 +59,17 @@ def test_pressure_never_pulls(epsilon):
     assert call(collider_penalty.pressure, 0.01, 100.0, 2000.0, 0.5) == 0.0
 
 
-def test_friction_is_coulombs_when_sliding_and_viscous_at_rest(epsilon):
-    pressed, mu, grip = 3.0, 0.4, 2.0
-    fast = call(collider_penalty.rub, pressed, [500.0, 0.0, 0.0], mu, grip, length=3)
-    # |F| = μN / √(1 + (μN / g|u|)²), within (1.2 / 1000)² / 2 of μN.
-    assert fast == pytest.approx([-1.2, 0.0, 0.0], rel=1e-6 + 8 * epsilon)
-    slow = call(collider_penalty.rub, pressed, [0.0, 1e-4, 0.0], mu, grip, length=3)
-    assert slow == pytest.approx([0.0, -2e-4, 0.0], rel=1e-6 + 8 * epsilon)
-    assert np.all(call(collider_penalty.rub, 0.0, [0.0, 0.0, 0.0], mu, grip, length=3) == 0.0)
+def test_friction_is_coulombs_when_sliding_and_a_damped_spring_at_rest(epsilon):
+    mu, stiffness, grip = 0.4, 50.0, 2.0
+
+    def force(pressed, stretch, slide):
+        return call(friction.friction_force, pressed, stretch, slide, mu, stiffness, grip, length=3)
+
+    none = [0.0, 0.0, 0.0]
+    assert force(3.0, [1e-3, 0.0, 0.0], [500.0, 0.0, 0.0]) == pytest.approx([-1.2, 0.0, 0.0], rel=8 * epsilon)
+    assert force(3.0, none, [0.0, 1e-4, 0.0]) == pytest.approx([0.0, -2e-4, 0.0], rel=8 * epsilon)
+    assert force(3.0, [0.0, 0.0, 0.01], none) == pytest.approx([0.0, 0.0, -0.5], rel=8 * epsilon)
+    assert np.all(force(0.0, [0.01, 0.0, 0.0], none) == 0.0)
 
 
 def test_signed_distance_of_a_plane(epsilon):
@@ -172,6 +175,12 @@ def test_a_force_without_source_is_told():
 
 
 def test_a_force_of_other_arguments_is_told():
-    for function, told in ((lambda x, v: x, "too many"), (lambda x, v, t, u: x, "missing a required argument: 'u'")):
+    def short(x, v):
+        return x
+
+    def long(x, v, t, u):
+        return x
+
+    for function, told in ((short, "too many"), (long, "missing a required argument: 'u'")):
         with pytest.raises(SceneError, match=f"function: expected a function of x, v and t: {told}"):
             CallableField(function=function)
