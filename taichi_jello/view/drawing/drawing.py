@@ -43,6 +43,8 @@ class Drawing:
         self.springs = Springs(body) if len(body.springs) else None
         self.show(scene.camera.show)
         self._whole: np.ndarray | None = None
+        self._unpainted: tuple[float, np.ndarray] | None = None
+        self.time = 0.0
         self._dress(body)
 
     def _dress(self, body: Body) -> None:
@@ -76,6 +78,11 @@ class Drawing:
     def points(self) -> np.ndarray:
         """(N, 3) float32: the particles when last updated [m]."""
         return self._points[: self.count]
+
+    @property
+    def skin_points(self) -> np.ndarray:
+        """(N + P, 3) float32: the particles and after them the points of embedded skins, when last updated [m]."""
+        return self._points[: self._skinned]
 
     def _make_shadows(self, body: Body) -> list[tuple[int, Shadow]]:
         if self.surroundings is None:
@@ -112,7 +119,7 @@ class Drawing:
         if color not in COLORS:
             raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
         self.viewpoint = self.viewpoint if viewpoint is None else viewpoint
-        look = look_from(self.viewpoint)
+        look, self.time = look_from(self.viewpoint), time
         if self.changing:
             self._tear(memory.get("whole"))
         self._points[: self.count], self._speeds[:] = x, v
@@ -123,9 +130,6 @@ class Drawing:
         if self.surroundings is not None:
             origins = self.surroundings.origins(time)
             self._move_solids(self.surroundings, origins)
-            self.surroundings.update(origins, look)
-            for index, shadow in self.shadows:
-                shadow.update(self._points, origins[index], look)
         if self.springs is not None:
             if self.changing:
                 self.springs.obey(law_at(self.scene, self.body, time, memory))
@@ -134,6 +138,19 @@ class Drawing:
             self.skin.place(self._points, skin)
             if self.surroundings is not None:
                 self._lay(self.skin.triangles.x, self.surroundings, origins, look[0])
+        self._unpainted = time, look
+
+    def _paint(self) -> None:
+        """Give vertices the colours that they have since the last update, if a renderer asks for them."""
+        if self._unpainted is None:
+            return
+        (time, look), self._unpainted = self._unpainted, None
+        if self.surroundings is not None:
+            origins = self.surroundings.origins(time)
+            self.surroundings.update(origins, look)
+            for index, shadow in self.shadows:
+                shadow.update(self._points, origins[index], look)
+        if self.skin is not None and "skin" not in self.hidden:
             self.skin.shade(look)
 
     def _move_solids(self, surroundings: Surroundings, origins: np.ndarray) -> None:
@@ -160,16 +177,19 @@ class Drawing:
 
     @property
     def opaque(self) -> list[Triangles]:
+        self._paint()
         around = [] if self.surroundings is None else [self.surroundings.triangles]
         return around + self.cast
 
     @property
     def cast(self) -> list[Triangles]:
         """The shadows."""
+        self._paint()
         return [shadow.triangles for _, shadow in self.shadows]
 
     @property
     def lines(self) -> list[Lines]:
+        self._paint()
         grid = [] if self.surroundings is None else [self.surroundings.lines]
         return [lines for lines in grid + self.threads if len(lines.x)]
 
@@ -184,6 +204,7 @@ class Drawing:
 
     @property
     def blended(self) -> Triangles | None:
+        self._paint()
         return None if self.skin is None or "skin" in self.hidden else self.skin.triangles
 
 

@@ -85,7 +85,7 @@ class Skin:
         self.albedo = palette.skin(owner).astype(np.float32)
         self.owner = owner[self.index[:, 0]]
         self.triangles = Triangles.empty(len(owner), self.index)
-        self._normal = np.zeros((len(owner), 3), np.float32)
+        self.normal = np.zeros((len(owner), 3), np.float32)
         self._away = np.zeros(len(self.index), np.float32)
         self._flat = np.zeros((len(self.surface), 3), np.float32)
         self._corner = np.zeros((3 * len(self.surface), 3), np.float32)
@@ -96,14 +96,14 @@ class Skin:
         if f is not None:
             surface = self.surface, self._flat, f.corner_start, f.corner_face, self._corner
             fine = f.parent, f.share, f.start, f.item, f.weight
-            cover(x, *surface, *fine, out.x[: self.count], self._normal[: self.count])
+            cover(x, *surface, *fine, out.x[: self.count], self.normal[: self.count])
         if self.embedded is not None:
-            out.x[self.count :], self._normal[self.count :] = skin, self.embedded.normals
+            out.x[self.count :], self.normal[self.count :] = skin, self.embedded.normals
 
     def shade(self, look: np.ndarray) -> None:
         """Colour them and put them in order, where they are now."""
         out = self.triangles
-        shade(out.x, self._normal, self.albedo, self.index, look, out.rgba, self._away)
+        shade(out.x, self.normal, self.albedo, self.index, look, out.rgba, self._away)
         out.index = self.index[self._order()]
 
     def _order(self) -> np.ndarray:

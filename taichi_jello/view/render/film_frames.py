@@ -65,12 +65,13 @@ class Skins:
         self.drawing.hidden |= {"springs", "particles"}
 
     def take(self) -> Mesh:
-        now, skin = self.simulation.snapshot(), self.drawing.skin
+        now = self.simulation.snapshot()
         self.drawing.update(now.x, now.v, now.time, memory=now.memory)
-        assert skin is not None
+        skin, painted = self.drawing.skin, self.drawing.blended
+        assert skin is not None and painted is not None
         # The skin's index, not the triangles': those are sorted anew for every picture.
-        rgb = np.round(255.0 * skin.triangles.rgba[:, :3].clip(0.0, 1.0)).astype(np.uint8)
-        return Mesh(skin.triangles.x.copy(), rgb, skin.index)
+        rgb = np.round(255.0 * painted.rgba[:, :3].clip(0.0, 1.0)).astype(np.uint8)
+        return Mesh(painted.x.copy(), rgb, skin.index)
 
     def close(self) -> None:
         pass

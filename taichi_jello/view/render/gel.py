@@ -1,0 +1,204 @@
+"""Shading of one translucent body over the picture of all that is behind it.
+
+Light is bent where it enters and leaves, absorbed by the length of its way inside (Beer and Lambert), reflected as
+Schlick says, and scattered a little. The way inside comes from the body's nearest and farthest surface in the picture,
+as Wyman (2005) does it; fluids are drawn so by van der Laan, Green and Sainz (2009). `gel`, (3, 3) float32: absorption
+[1/m]; the colour of scattered light; (size [m], thickness of a sheet [m], how far the surface may lie behind what hides
+it [m]).
+"""
+
+import numpy as np
+import taichi as ti
+
+from taichi_jello.view.drawing.rows import Array2, Index1, Index2, row, vec3
+from taichi_jello.view.render.buffers import (
+    EXTRA,
+    EYE,
+    FAR,
+    UNIT,
+    Colors,
+    Counts,
+    Depths,
+    Keys,
+    depth_of,
+    number_of,
+    on_screen,
+    ray,
+    shares,
+    smooth_normal,
+)
+from taichi_jello.view.render.studio import (
+    AMBIENT,
+    INDEX,
+    MIDDLE,
+    around,
+    diffuse,
+    floor_way,
+    lamps,
+    schlick,
+)
+
+CLEAR_AT = 0.55  # of a body's size: the way on which light takes on the body's colour
+PALEST, DARKEST = 0.94, 0.02  # of a colour's channels
+CLOUDY = 2.2  # 1/size: how fast scattered light reaches its full colour
+ABSORPTION, GLOW, SIZES = 0, 1, 2  # rows of `gel`
+
+
+def gel_of(rgb: np.ndarray, size: float, sheet: float, behind: float) -> np.ndarray:
+    """(3, 3) float32 of a body with the display colour rgb (3,)."""
+    linear = np.asarray(rgb, float) ** 2.2
+    absorption = -np.log(linear.clip(DARKEST, PALEST)) / (CLEAR_AT * size)
+    return np.array([absorption, 0.62 * linear + 0.012, [size, sheet, behind]], np.float32)
+
+
+@ti.func
+def refracted(d, n, ratio):
+    """(direction, 1) behind a surface whose normal n faces against d, or (mirrored direction, 0) where all light is
+    reflected; ratio: of the indices, before to behind."""
+    facing = -d.dot(n)
+    rest = 1.0 - ratio * ratio * (1.0 - facing * facing)
+    out = ratio * d + (ratio * facing - ti.sqrt(ti.max(rest, 0.0))) * n
+    if rest < 0.0:
+        out = d + 2.0 * facing * n
+    return ti.Vector([out[0], out[1], out[2], ti.select(rest < 0.0, 0.0, 1.0)])
+
+
+@ti.func
+def pixel_at(place, depths: ti.template()):
+    """(row, column, 1) of the pixel at a place on the screen, the nearest one and 0 beyond the picture's edges."""
+    y, x = int(ti.floor(ti.math.clamp(place[1], -1.0, 1e6))), int(ti.floor(ti.math.clamp(place[0], -1.0, 1e6)))
+    inside = y >= 0 and x >= 0 and y < depths.shape[0] and x < depths.shape[1]
+    y, x = ti.math.clamp(y, 0, depths.shape[0] - 1), ti.math.clamp(x, 0, depths.shape[1] - 1)
+    return ti.Vector([y, x, int(inside)])
+
+
+@ti.func
+def behind(view: ti.template(), studio: ti.template(), q, d, reach, blur, scene: ti.template(), depths: ti.template()):
+    """What is seen from q along d: a thing or a piece of floor that is in the picture, or else the studio."""
+    color = around(studio, q, d, blur, vec3(1.0)) + lamps(studio, q, d, 0.25)
+    way = floor_way(studio, q, d)
+    here = on_screen(view, q)
+    at = pixel_at(here, depths)
+    gap = ti.math.clamp(depths[at[0], at[1]] - here[2], 0.0, reach)
+    level = row(studio, MIDDLE)[1]
+    there = on_screen(view, q + d * gap)
+    at = pixel_at(there, depths)
+    depth = depths[at[0], at[1]]
+    seen = row(view, EYE) + ray(view, float(at[1]), float(at[0])) * depth
+    found = at[2] == 1 and depth < FAR and depth > here[2] - 0.1 * reach and seen[1] > level + 0.01 * reach
+    if not found and way >= 0.0:
+        there = on_screen(view, q + d * way)
+        at = pixel_at(there, depths)
+        found = at[2] == 1 and depths[at[0], at[1]] > here[2]
+    if found:
+        color = vec3(scene[at[0], at[1], 0], scene[at[0], at[1], 1], scene[at[0], at[1], 2])
+    return color
+
+
+@ti.func
+def scattered(gel: ti.template(), studio: ti.template(), p, n, way):
+    """Light that the body scatters towards the eye after a way inside: more where it is thick and where lamps shine
+    into it, from before or through it from behind."""
+    size = row(gel, SIZES)[0]
+    lit = 0.55 * diffuse(studio, p, n, 0.7) + 0.25 * diffuse(studio, p, -n, 0.5) + AMBIENT * (0.75 + 0.25 * n[1])
+    return row(gel, GLOW) * lit * (1.0 - ti.exp(-CLOUDY / size * way))
+
+
+@ti.kernel
+def shade(
+    view: Array2,
+    studio: Array2,
+    gel: Array2,
+    x: Array2,
+    normal: Array2,
+    faces: Index2,
+    run: Index1,
+    front: Keys,
+    back: Keys,
+    thick: Counts,
+    scene: Colors,
+    depths: Depths,
+    shaded: Colors,
+):
+    """The colours `shaded` of the pixels of `run` (see `layers`) in which a body is nearest; `scene` and `depths` show
+    what is behind it. The first channel is -1 where the body is not seen."""
+    ti.loop_config(block_dim=4)
+    for y in range(run[3], run[5]):
+        for c in range(run[2], run[4]):
+            key = front[y, c]
+            depth, sizes = depth_of(key), row(gel, SIZES)
+            shaded[y, c, 0] = -1.0
+            if depth < FAR and depth < depths[y, c] + sizes[2]:
+                way = ray(view, float(c), float(y))
+                long = way.norm()
+                d, p = way / long, row(view, EYE) + way * depth
+                t = number_of(key)
+                n = smooth_normal(normal, faces, t, shares(view, x, faces, t, way))
+                facing = -d.dot(n)
+                if facing < 0.03:  # a smooth normal may turn away where its triangle does not
+                    n = (n + (0.03 - facing) * -d).normalized(1e-20)
+                    facing = ti.max(-d.dot(n), 0.03)
+                bent = refracted(d, n, 1.0 / INDEX)
+                inner = vec3(bent[0], bent[1], bent[2])
+                room = ti.max(depths[y, c] - depth, 0.0)
+                straight = ti.math.clamp(thick[y, c] * UNIT, 0.0, room) * long
+                # The way inside: between that straight on and that where a ray bent by the surface would leave.
+                guess = on_screen(view, p + inner * (straight + 0.25 * sizes[0] * (1.0 - facing)))
+                at = pixel_at(guess, depths)
+                leave = key
+                length = straight
+                inside = at[0] >= run[3] and at[0] < run[5] and at[1] >= run[2] and at[1] < run[4]
+                if inside:
+                    there = ti.max(thick[at[0], at[1]] * UNIT, 0.0) * long
+                    length = 0.5 * (straight + ti.min(there, straight + 0.5 * sizes[0]))
+                    leave = back[at[0], at[1]]
+                if not inside or leave < 0:
+                    leave = back[y, c]
+                    at = ti.Vector([y, c, 1])
+                length = ti.max(length, sizes[1] / ti.max(-inner.dot(n), 0.3))
+                q = p + inner * length
+                out, m = inner, -n
+                if leave >= 0:
+                    other = number_of(leave)
+                    away = ray(view, float(at[1]), float(at[0]))
+                    m = -smooth_normal(normal, faces, other, shares(view, x, faces, other, away))
+                if -inner.dot(m) < 0.03:
+                    m = (m - (0.03 + inner.dot(m)) * inner).normalized(1e-20)
+                leaving = refracted(inner, m, INDEX)
+                out = vec3(leaving[0], leaving[1], leaving[2])
+                mirrored = inner - 2.0 * inner.dot(m) * m
+                kept = ti.select(leaving[3] > 0.5, schlick(-out.dot(m)), 1.0)  # reflected inside
+                glossy = schlick(facing)
+                passed = ti.exp(-row(gel, ABSORPTION) * length)
+                color = (1.0 - glossy) * scattered(gel, studio, p, n, length)
+                # Three rays: reflected outside, straight through, reflected inside.
+                for k in range(3):
+                    start, toward, weight = p, d - 2.0 * d.dot(n) * n, vec3(glossy)
+                    if k == 1:
+                        start, toward, weight = q, out, (1.0 - glossy) * (1.0 - kept) * passed
+                    elif k == 2:
+                        start, toward = q, mirrored
+                        weight = (1.0 - glossy) * kept * passed * passed
+                    if weight.max() > 0.002:
+                        if k == 1:
+                            reach, blur = 1.5 * sizes[0], 1.0 / view[EXTRA, 0]
+                            color += weight * behind(view, studio, start, toward, reach, blur, scene, depths)
+                        else:
+                            blur = ti.select(k == 0, 0.12, 0.3)
+                            light = around(studio, start, toward, 0.05, vec3(1.0)) + lamps(studio, start, toward, blur)
+                            color += weight * light
+                for k in ti.static(range(3)):
+                    shaded[y, c, k] = color[k]
+
+
+@ti.kernel
+def settle(run: Index1, front: Keys, shaded: Colors, scene: Colors, depths: Depths, tops: Depths):
+    """Make the body that was shaded a part of the picture. tops: the nearest surface of any body."""
+    ti.loop_config(block_dim=16)
+    for y in range(run[3], run[5]):
+        for x in range(run[2], run[4]):
+            if shaded[y, x, 0] >= 0.0:
+                depths[y, x] = ti.min(depths[y, x], depth_of(front[y, x]))
+                tops[y, x] = depths[y, x]
+                for k in ti.static(range(3)):
+                    scene[y, x, k] = shaded[y, x, k]
