@@ -17,7 +17,7 @@ PAPER = np.array([0.985, 0.985, 0.990])
 # One skin colour per jello, in turn: raspberry, lime, blueberry, orange, grape, lagoon.
 SKINS = np.array(
     [
-        [0.93, 0.20, 0.30],
+        [0.93, 0.17, 0.22],
         [0.35, 0.72, 0.22],
         [0.24, 0.42, 0.90],
         [0.97, 0.55, 0.12],
@@ -29,7 +29,7 @@ SKINS = np.array(
 # Blue without force, red at the most, and never through a grey that would vanish in the skin.
 FORCE_RAMP = np.array(
     [
-        [0.09, 0.20, 0.78],
+        [0.16, 0.36, 0.96],
         [0.10, 0.55, 0.86],
         [0.22, 0.72, 0.42],
         [0.96, 0.74, 0.12],

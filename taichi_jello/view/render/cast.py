@@ -17,7 +17,7 @@ SHEET = 0.10  # a sheet's thickness, of its median structural spring
 PRESSED = 0.4  # how far a sheet between its particles may lie behind what it covers, of the same
 ROD, THICKEST = 0.024, 1.6  # a spring's radius, of the median structural spring, and in pixels at most, 720 rows high
 ROPE, ROPE_THICKEST = 0.13, 60.0  # the same of springs that are no part of a skin
-DEEP = 5.0  # 1/size: how fast springs fade in a body
+DEEP = 11.0  # 1/size: how fast springs fade in a body
 
 
 def studio_for(drawing: Drawing) -> np.ndarray:

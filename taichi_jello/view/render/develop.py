@@ -33,12 +33,13 @@ def encoded(linear):
 
 
 @ti.func
-def noise(x, y, channel):
-    """Even from 0 to 1, the same for the same pixel."""
-    bits = ti.cast(x, ti.u32) * ti.u32(0x9E3779B1) ^ ti.cast(y * 4 + channel, ti.u32) * ti.u32(0x85EBCA77)
+def noise(x, y):
+    """Three numbers, even from 0 to 1, the same for the same pixel."""
+    bits = ti.cast(x, ti.u32) * ti.u32(0x9E3779B1) ^ ti.cast(y, ti.u32) * ti.u32(0x85EBCA77)
     bits = (bits ^ (bits >> 15)) * ti.u32(0x2C1B3C6D)
     bits = (bits ^ (bits >> 12)) * ti.u32(0x297A2D39)
-    return ti.cast((bits ^ (bits >> 15)) >> 8, ti.f32) / 16777216.0
+    bits ^= bits >> 15
+    return vec3(bits & 1023, (bits >> 10) & 1023, (bits >> 20) & 1023) / 1024.0
 
 
 @ti.func
@@ -61,9 +62,11 @@ def compose(
     box: Index2,
     mean: Colors,
     part: ti.f32,
+    image: Bytes,
+    last: ti.i32,
 ):
-    """Lay the strokes over the scene and add `part` of the toned picture to `mean`, or begin it at a part below zero.
-    A stroke is hidden behind `solid` and fades by `fade` [1/m] the deeper it lies below `tops`."""
+    """Lay the strokes over the scene and add `part` of the toned picture to `mean`, or begin it at a part below zero;
+    with the last sample, write the image. A stroke is hidden behind `solid` and fades by `fade` [1/m] the deeper it lies below `tops`."""
     ti.loop_config(block_dim=8)
     for y in range(box[0, 1], box[1, 1]):
         for x in range(box[0, 0], box[1, 0]):
@@ -75,21 +78,16 @@ def compose(
                 place = across_stroke(ends, s, x + 0.5, y + 0.5)
                 seen = coverage(place) * ti.exp(-fade * ti.max(depth - tops[y, x], 0.0))
                 color = mix(color, rod(row(rgb, s), place), seen)
-            for k in ti.static(range(3)):
-                old = 0.0
-                if part > 0.0:
-                    old = mean[y, x, k]
-                mean[y, x, k] = old + ti.abs(part) * color[k]
-
-
-@ti.kernel
-def develop(mean: Colors, box: Index2, image: Bytes):
-    ti.loop_config(block_dim=8)
-    for y in range(box[0, 1], box[1, 1]):
-        for x in range(box[0, 0], box[1, 0]):
-            color = encoded(vec3(mean[y, x, 0], mean[y, x, 1], mean[y, x, 2]))
-            for k in ti.static(range(3)):
-                image[y, x, k] = ti.cast(ti.min(255.0 * color[k] + noise(x, y, k), 255.0), ti.u8)
+            color *= ti.abs(part)
+            if part > 0.0:
+                color += vec3(mean[y, x, 0], mean[y, x, 1], mean[y, x, 2])
+            if last == 0:
+                for k in ti.static(range(3)):
+                    mean[y, x, k] = color[k]
+            else:
+                levels = ti.min(255.0 * encoded(color) + noise(x, y), 255.0)
+                for k in ti.static(range(3)):
+                    image[y, x, k] = ti.cast(ti.cast(levels[k], ti.i32), ti.u8)
 
 
 @ti.kernel

@@ -48,7 +48,7 @@ def gel_of(rgb: np.ndarray, size: float, sheet: float, behind: float) -> np.ndar
     """(3, 3) float32 of a body with the display colour rgb (3,)."""
     linear = np.asarray(rgb, float) ** 2.2
     absorption = -np.log(linear.clip(DARKEST, PALEST)) / (CLEAR_AT * size)
-    return np.array([absorption, 0.62 * linear + 0.012, [size, sheet, behind]], np.float32)
+    return np.array([absorption, 0.46 * linear + 0.008, [size, sheet, behind]], np.float32)
 
 
 @ti.func
@@ -75,7 +75,6 @@ def pixel_at(place, depths: ti.template()):
 @ti.func
 def behind(view: ti.template(), studio: ti.template(), q, d, reach, blur, scene: ti.template(), depths: ti.template()):
     """What is seen from q along d: a thing or a piece of floor that is in the picture, or else the studio."""
-    color = around(studio, q, d, blur, vec3(1.0)) + lamps(studio, q, d, 0.25)
     way = floor_way(studio, q, d)
     here = on_screen(view, q)
     at = pixel_at(here, depths)
@@ -90,7 +89,10 @@ def behind(view: ti.template(), studio: ti.template(), q, d, reach, blur, scene:
         there = on_screen(view, q + d * way)
         at = pixel_at(there, depths)
         found = at[2] == 1 and depths[at[0], at[1]] > here[2]
-    if found:
+    color = vec3(0.0)
+    if not found:
+        color = around(studio, q, d, blur, vec3(1.0)) + lamps(studio, q, d, 0.25)
+    else:
         color = vec3(scene[at[0], at[1], 0], scene[at[0], at[1], 1], scene[at[0], at[1], 2])
     return color
 
@@ -179,7 +181,7 @@ def shade(
                     elif k == 2:
                         start, toward = q, mirrored
                         weight = (1.0 - glossy) * kept * passed * passed
-                    if weight.max() > 0.002:
+                    if weight.max() > 0.01:
                         if k == 1:
                             reach, blur = 1.5 * sizes[0], 1.0 / view[EXTRA, 0]
                             color += weight * behind(view, studio, start, toward, reach, blur, scene, depths)

@@ -51,7 +51,8 @@ class Raster:
         self._keys = np.full(shape, buffers.EMPTY, np.int64)  # of solids, then of strokes
         self._front, self._back = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
         self._thick = np.zeros(shape, np.int32)
-        self._scene, self._shaded, self._mean = (np.zeros((*shape, 3), np.float32) for _ in range(3))
+        self._scene, self._shaded = (np.zeros((*shape, 3), np.float32) for _ in range(2))
+        self._mean = np.zeros((*shape, 3) if samples > 1 else (1, 1, 3), np.float32)
         self._depths, self._tops = (np.zeros(shape, np.float32) for _ in range(2))
         self._image = np.zeros((*shape, 3), np.uint8)
         self._columns: list[np.ndarray] = []
@@ -78,10 +79,8 @@ class Raster:
         box = self._box(views[0], np.concatenate(points).astype(np.float32))
         region = np.array([[0, 0], self.size]) if any(moved) else _union(box, self._changed)
         self._changed = box
-        part = -1.0 / len(views)
-        for number, picture in enumerate(self._stages):
-            self._draw_sample(picture, bodies, lines, region.astype(np.int32), part if number == 0 else -part)
-        develop.develop(self._mean, region.astype(np.int32), self._image)
+        for number in range(len(views)):
+            self._draw_sample(number, bodies, lines, region.astype(np.int32))
 
     def _take(self, drawing: Drawing) -> None:
         """Prepare for another drawing."""
@@ -127,9 +126,8 @@ class Raster:
                 buffers.project(view, x, screen)
         return x, normal, faces, screen
 
-    def _draw_sample(
-        self, picture: Stage, bodies: Gels | None, lines: Strokes, region: np.ndarray, part: float
-    ) -> None:
+    def _draw_sample(self, number: int, bodies: Gels | None, lines: Strokes, region: np.ndarray) -> None:
+        picture, count = self._stages[number], len(self._stages)
         view, scene = picture.view, (self._scene, self._depths)
         shadow = self._shadow.grid, self._shadow.light
         stage.begin(view, self._studio, *shadow, picture.colors, picture.depths, region, *scene, self._tops)
@@ -140,7 +138,9 @@ class Raster:
         strokes.strokes(view, lines.x, lines.pairs, radius, ends, self._keys, region)
         fade = DEEP / bodies.size if bodies is not None else 0.0
         inked = self._keys, ends, lines.rgb, fade
-        develop.compose(*inked, self._scene, picture.depths, self._tops, region, self._mean, part)
+        seen = self._scene, picture.depths, self._tops
+        part = (-1.0 if number == 0 else 1.0) / count
+        develop.compose(*inked, *seen, region, self._mean, part, self._image, int(number == count - 1))
 
     def _draw_bodies(self, view: np.ndarray, bodies: Gels) -> None:
         x, normal, faces, screen = self._projected(view, bodies.x(), bodies.normal, bodies.faces)

@@ -110,7 +110,7 @@ def finish(grid: Array2, cells: Colors, light: Colors):
             through = cells[i, j, 2 + k] / safe * (0.25 + rest[2] * cover**3)
             left = 1.0 - faint + faint * through
             light[i, j, k] = (rest[1] + (1.0 - rest[1]) * left) * (1.0 - touch * (1.0 - 0.6 * ti.min(through, 1.0)))
-        light[i, j, 3] = ti.select(cover > 1e-3, height, -1.0)
+        light[i, j, 3] = ti.select(cover > 0.01, height, -1.0)
 
 
 @ti.func

@@ -49,17 +49,16 @@ def stage(
         for c in range(keys.shape[1]):
             way = ray(view, float(c), float(y))
             d, eye, blur = way.normalized(), row(view, EYE), 1.0 / view[EXTRA, 0]
-            depth = ti.min(depth_of(keys[y, c]), FAR)
-            color = vec3(0.0)
-            if depth < FAR:
+            depth, color = ti.min(depth_of(keys[y, c]), FAR), vec3(0.0)
+            reach, shade = floor_way(studio, eye, d), vec3(1.0)
+            level = ti.select(reach >= 0.0, reach / way.norm(), FAR)
+            if depth < level:
                 t = number_of(keys[y, c])
                 n = smooth_normal(normal, faces, t, shares(view, x, faces, t, way))
                 color = solid(studio, eye + way * depth, n, d)
             else:
-                reach = floor_way(studio, eye, d)
-                shade = vec3(1.0)
+                depth = ti.min(level, FAR)
                 if reach >= 0.0:
-                    depth = ti.min(reach / way.norm(), FAR)
                     shade = light_at(grid, light, eye + d * reach)
                 color = around(studio, eye, d, blur, shade)
             depths[y, c] = depth

@@ -11,7 +11,7 @@ from taichi.math import clamp, mix, smoothstep
 from taichi_jello.view.drawing.rows import row, vec3
 
 ZENITH, HORIZON, NADIR = vec3(0.23, 0.29, 0.38), vec3(0.47, 0.51, 0.57), vec3(0.34, 0.37, 0.42)
-LIGHT_TILE, DARK_TILE = vec3(0.60, 0.61, 0.63), vec3(0.40, 0.425, 0.47)
+LIGHT_TILE, DARK_TILE = vec3(0.56, 0.57, 0.60), vec3(0.44, 0.46, 0.50)
 AMBIENT = vec3(0.42, 0.45, 0.50)  # what the whole sky adds to a surface that faces up, of its albedo
 SOLID = vec3(0.46, 0.50, 0.55)
 LAMP = vec3(1.0, 0.985, 0.96)
@@ -28,7 +28,7 @@ MIDDLE, SIZE, LAMPS, HALVES = 0, 1, 2, 4  # rows of `studio`
 def studio_of(middle: np.ndarray, size: float, floor: float | None) -> np.ndarray:
     """(6, 3) float32: the middle of the floor; (size, side of a tile, 1 if there is a floor) [m]; the middles of two
     lamps, that hang level, and halves of their sides."""
-    tile = size / 18.0
+    tile = size / 12.0
     step = 10.0 ** np.floor(np.log10(tile))
     tile = step * min((1.0, 2.0, 2.5, 5.0, 10.0), key=lambda n: abs(n * step - tile))
     base = np.array([middle[0], middle[1] - 0.2 * size if floor is None else floor, middle[2]])
