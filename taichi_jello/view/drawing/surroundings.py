@@ -89,7 +89,6 @@ class Surroundings:
         self._seen = np.concatenate([_fading(e, c) for e, c in zip(edges, scene.collider, strict=True)])[:, None]
         self.lines = Lines.empty(len(self._edges) // 2, WIDTH)
         self._painted = np.zeros(0, np.float32)
-        self.paintings = 0  # how often all was painted: who has seen this one has seen it as it is now
 
     def origins(self, time: float) -> np.ndarray:
         """(colliders, 3) [m]."""
@@ -101,7 +100,6 @@ class Surroundings:
         if np.array_equal(now, self._painted):
             return
         self._painted = now
-        self.paintings += 1
         if len(self._meshes):
             self._meshes.paint(origins, look, self.triangles.x, self.triangles.rgba[:, :3])
         if len(self._edges):

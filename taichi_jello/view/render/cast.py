@@ -92,7 +92,9 @@ class Gels:
 
     def casters(self, drawing: Drawing) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points (P, 3) [m], triangles (T, 3) over them and the row of `gel` of each, of coarse skins that are enough
-        for shadows."""
+        for shadows; sheets as thick as they are drawn."""
+        if self._thickness is not None and "skin" not in drawing.hidden:
+            return self.x(), self.faces, self.kind
         if self._casters is None:
             skin, jello = self.skin, drawing.body.jello[self.skin.surface[:, 0]]
             faces = [skin.surface]
@@ -116,6 +118,7 @@ class Strokes:
     @classmethod
     def of(cls, drawing: Drawing) -> "Strokes":
         points, pairs, radius, rgb = [], [], [], []
+        visible = drawing.skin is not None and "skin" not in drawing.hidden
         springs = drawing.springs
         if springs is not None and drawing.threads:
             lines, count = springs.lines, len(springs.lines.x) // 2
@@ -125,13 +128,17 @@ class Strokes:
             skinned = np.zeros(len(body), bool)
             skinned[np.isin(body.jello, body.jello[body.surface])] = True
             skinned |= body.embedded
-            rope = ~skinned[springs.pairs[:count, 0]]
+            first = springs.pairs[:count, 0]
+            rope = ~skinned[first]
+            # Of a body with an embedded skin no spring lies in the surface: all would be a cage inside.
+            shown = np.ones(count, bool) if springs.everything or not visible else ~body.embedded[first]
             points.append(lines.x)
-            pairs.append(np.arange(2 * count, dtype=np.int32).reshape(-1, 2))
+            pairs.append(np.arange(2 * count, dtype=np.int32).reshape(-1, 2)[shown])
+            rope = rope[shown]
             radius.append(np.where(rope[:, None], [ROPE * step, ROPE_THICKEST], [ROD * step, THICKEST]))
-            rgb.append(lines.rgb[0::2])
+            rgb.append(lines.rgb[0::2][shown])
         dots = drawing.dots
-        if dots is not None and ("skin" in drawing.hidden or drawing.skin is None):
+        if dots is not None and not visible:
             start = sum(map(len, points))
             points.append(dots.x)
             pairs.append(np.repeat(np.arange(start, start + len(dots.x), dtype=np.int32)[:, None], 2, axis=1))

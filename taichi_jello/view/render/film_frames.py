@@ -32,12 +32,10 @@ class Clock:
 
 
 def open_film_renderer(name: str, size: tuple[int, int]) -> Renderer:
-    """The renderer for many pictures. On a software Vulkan driver `auto` is the rasteriser, which draws smooth edges
-    there in less time than GGUI needs for rough ones."""
-    fast = runtime.has_real_vulkan()
-    if name == "auto" and not fast and runtime.current().arch not in ("vulkan", "metal"):
-        name = "raster"
-    return open_renderer(name, size, samples=1 if name != "raster" and not fast else 2)
+    """The renderer for many pictures. On a software Vulkan driver GGUI draws rough edges: smooth ones take too long."""
+    drawn_by_ggui = name == "ggui" or (name == "auto" and runtime.current().arch in ("vulkan", "metal"))
+    rough = drawn_by_ggui and not runtime.has_real_vulkan()
+    return open_renderer(name, size, samples=1 if rough else 2)
 
 
 class Pictures:

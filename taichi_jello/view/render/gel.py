@@ -12,7 +12,6 @@ import taichi as ti
 
 from taichi_jello.view.drawing.rows import Array2, Index1, Index2, row, vec3
 from taichi_jello.view.render.buffers import (
-    EXTRA,
     EYE,
     FAR,
     UNIT,
@@ -73,27 +72,21 @@ def pixel_at(place, depths: ti.template()):
 
 
 @ti.func
-def behind(view: ti.template(), studio: ti.template(), q, d, reach, blur, scene: ti.template(), depths: ti.template()):
-    """What is seen from q along d: a thing or a piece of floor that is in the picture, or else the studio."""
-    way = floor_way(studio, q, d)
-    here = on_screen(view, q)
+def behind(view: ti.template(), studio: ti.template(), q, d, reach, scene: ti.template(), depths: ti.template()):
+    """What is seen from q along d, a thing or a piece of floor, if the picture shows it; else -1 in all channels."""
+    here, way, color = on_screen(view, q), floor_way(studio, q, d), vec3(-1.0)
     at = pixel_at(here, depths)
     gap = ti.math.clamp(depths[at[0], at[1]] - here[2], 0.0, reach)
-    level = row(studio, MIDDLE)[1]
-    there = on_screen(view, q + d * gap)
-    at = pixel_at(there, depths)
-    depth = depths[at[0], at[1]]
-    seen = row(view, EYE) + ray(view, float(at[1]), float(at[0])) * depth
-    found = at[2] == 1 and depth < FAR and depth > here[2] - 0.1 * reach and seen[1] > level + 0.01 * reach
-    if not found and way >= 0.0:
-        there = on_screen(view, q + d * way)
-        at = pixel_at(there, depths)
-        found = at[2] == 1 and depths[at[0], at[1]] > here[2]
-    color = vec3(0.0)
-    if not found:
-        color = around(studio, q, d, blur, vec3(1.0)) + lamps(studio, q, d, 0.25)
-    else:
-        color = vec3(scene[at[0], at[1], 0], scene[at[0], at[1], 1], scene[at[0], at[1], 2])
+    lowest = row(studio, MIDDLE)[1] + 0.01 * reach
+    for attempt in range(2):  # first a thing about as far as what is just behind q, then the floor
+        step = ti.select(attempt == 0, gap, way)
+        if color[0] < 0.0 and step >= 0.0:
+            at = pixel_at(on_screen(view, q + d * step), depths)
+            depth = depths[at[0], at[1]]
+            height = view[EYE, 1] + ray(view, float(at[1]), float(at[0]))[1] * depth
+            thing = depth < FAR and depth > here[2] - 0.1 * reach and height > lowest
+            if at[2] == 1 and ((attempt == 0 and thing) or (attempt == 1 and depth > here[2])):
+                color = vec3(scene[at[0], at[1], 0], scene[at[0], at[1], 1], scene[at[0], at[1], 2])
     return color
 
 
@@ -102,7 +95,7 @@ def scattered(gel: ti.template(), studio: ti.template(), p, n, way):
     """Light that the body scatters towards the eye after a way inside: more where it is thick and where lamps shine
     into it, from before or through it from behind."""
     size = row(gel, SIZES)[0]
-    lit = 0.55 * diffuse(studio, p, n, 0.7) + 0.25 * diffuse(studio, p, -n, 0.5) + AMBIENT * (0.75 + 0.25 * n[1])
+    lit = 0.6 * diffuse(studio, p, n, 0.9) + AMBIENT * (0.9 + 0.25 * n[1])
     return row(gel, GLOW) * lit * (1.0 - ti.exp(-CLOUDY / size * way))
 
 
@@ -182,13 +175,13 @@ def shade(
                         start, toward = q, mirrored
                         weight = (1.0 - glossy) * kept * passed * passed
                     if weight.max() > 0.01:
+                        light = vec3(-1.0)
                         if k == 1:
-                            reach, blur = 1.5 * sizes[0], 1.0 / view[EXTRA, 0]
-                            color += weight * behind(view, studio, start, toward, reach, blur, scene, depths)
-                        else:
-                            blur = ti.select(k == 0, 0.12, 0.3)
-                            light = around(studio, start, toward, 0.05, vec3(1.0)) + lamps(studio, start, toward, blur)
-                            color += weight * light
+                            light = behind(view, studio, start, toward, 1.5 * sizes[0], scene, depths)
+                        if light[0] < 0.0:
+                            soft = ti.select(k == 0, 0.12, 0.3)
+                            light = around(studio, start, toward, 0.03, vec3(1.0)) + lamps(studio, start, toward, soft)
+                        color += weight * light
                 for k in ti.static(range(3)):
                     shaded[y, c, k] = color[k]
 

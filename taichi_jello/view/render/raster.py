@@ -66,7 +66,9 @@ class Raster:
         runtime.check(self._runtime)
         if drawing is not self._drawing:
             self._take(drawing)
-        if self._gels is not None and self._gels.skin is not drawing.skin and drawing.skin is not None:
+        if drawing.skin is None:
+            self._gels = None
+        elif self._gels is None or self._gels.skin is not drawing.skin:
             self._gels = Gels(drawing.body, drawing.skin)
         self._cast_shadow(drawing)
         visible = drawing.skin is not None and "skin" not in drawing.hidden
@@ -87,7 +89,7 @@ class Raster:
         self._drawing, self._studio = drawing, studio_for(drawing)
         self._floor = float(self._studio[0, 1])
         size, extent = float(self._studio[1, 0]), float(np.ptp(drawing.body.x, axis=0).max())
-        self._gels = None if drawing.skin is None else Gels(drawing.body, drawing.skin)
+        self._gels = None
         self._shadow = Shadow(size, extent or 0.1 * size)
         for part in self._stages:
             part.seen = b""
@@ -143,21 +145,23 @@ class Raster:
         develop.compose(*inked, *seen, region, self._mean, part, self._image, int(number == count - 1))
 
     def _draw_bodies(self, view: np.ndarray, bodies: Gels) -> None:
-        x, normal, faces, screen = self._projected(view, bodies.x(), bodies.normal, bodies.faces)
-        first: np.ndarray = bodies.first
-        points: list[np.ndarray] = bodies.points
-        if faces is not bodies.faces:  # clipped: which triangles are whose is no longer known by their order
-            first, points = np.array([0, len(faces)]), [np.arange(len(x))]
-        away = [-np.nan_to_num(screen[at, 2]).mean() for at in points]
+        x, normal = bodies.x(), bodies.normal
+        screen = np.zeros_like(x)
+        buffers.project(view, x, screen)
+        away = [-np.nan_to_num(screen[points, 2]).mean() for points in bodies.points]
         for k in np.argsort(away, kind="stable"):
-            box = self._box_of(screen[points[k]])
-            if np.any(box[1] <= box[0]):
-                continue
-            run = np.array([first[k], first[k + 1], *box[0], *box[1]], np.int32)
-            buffers.layers(screen, faces, run, self._front, self._back, self._thick)
-            surface = x, normal, faces, run, self._front, self._back, self._thick
-            gel.shade(view, self._studio, bodies.gel[k], *surface, self._scene, self._depths, self._shaded)
-            gel.settle(run, self._front, self._shaded, self._scene, self._depths, self._tops)
+            first, last = bodies.first[k], bodies.first[k + 1]
+            seen, box = screen[bodies.points[k]], self._box_of(screen[bodies.points[k]])
+            mesh, places = (x, normal, bodies.faces), screen
+            if seen[:, 2].min() <= JUST_BEFORE:
+                *mesh, places = self._projected(view, x, normal, bodies.faces[first:last])
+                first, last = 0, len(mesh[2])
+            if last > first and np.all(box[1] > box[0]):
+                run = np.array([first, last, *box[0], *box[1]], np.int32)
+                buffers.layers(places, mesh[2], run, self._front, self._back, self._thick)
+                surface = *mesh, run, self._front, self._back, self._thick
+                gel.shade(view, self._studio, bodies.gel[k], *surface, self._scene, self._depths, self._shaded)
+                gel.settle(run, self._front, self._shaded, self._scene, self._depths, self._tops)
 
     def _box(self, view: np.ndarray, x: np.ndarray) -> np.ndarray:
         """(2, 2): first column and row, and those after the last, of the part of the picture that points x lie in."""

@@ -29,7 +29,7 @@ class Renderer(Protocol):
 
 
 def open_renderer(name: str = "auto", size: tuple[int, int] = (1280, 720), samples: int = 2) -> Renderer:
-    """A renderer into memory: `auto` is GGUI where a Vulkan driver works and the rasteriser elsewhere.
+    """A renderer into memory: `auto` is the rasteriser, or GGUI where Taichi runs on Vulkan or Metal.
 
     size: (width, height) [pixels]; samples: 1, or 2 for smooth edges. close() it before Taichi starts again
     and, if it is GGUI, before the next one. Raises RuntimeProblem where the wanted one cannot draw.
@@ -42,7 +42,7 @@ def open_renderer(name: str = "auto", size: tuple[int, int] = (1280, 720), sampl
         raise RuntimeProblem(f"samples: expected 1 or 2, got {samples}")
     from taichi_jello.view.render import ggui, raster
 
-    if name == "ggui" or (name == "auto" and ggui.available()):
+    if name == "ggui" or (name == "auto" and runtime.current().arch in ("vulkan", "metal")):
         return ggui.Ggui(size, samples)
     return raster.Raster(size, samples)
 

@@ -18,7 +18,7 @@ from taichi_jello.view.render.buffers import (
     smooth_normal,
 )
 from taichi_jello.view.render.soft_shadow import light_at
-from taichi_jello.view.render.studio import around, floor_way, haze, solid
+from taichi_jello.view.render.studio import AMBIENT, SOLID, around, diffuse, floor_way, haze, lamps, schlick
 
 
 @ti.kernel
@@ -49,18 +49,24 @@ def stage(
         for c in range(keys.shape[1]):
             way = ray(view, float(c), float(y))
             d, eye, blur = way.normalized(), row(view, EYE), 1.0 / view[EXTRA, 0]
-            depth, color = ti.min(depth_of(keys[y, c]), FAR), vec3(0.0)
+            depth = ti.min(depth_of(keys[y, c]), FAR)
             reach, shade = floor_way(studio, eye, d), vec3(1.0)
             level = ti.select(reach >= 0.0, reach / way.norm(), FAR)
-            if depth < level:
+            start, toward, matte, glossy = eye, d, vec3(0.0), 1.0
+            thing = depth < level
+            if thing:  # a glazed solid
                 t = number_of(keys[y, c])
                 n = smooth_normal(normal, faces, t, shares(view, x, faces, t, way))
-                color = solid(studio, eye + way * depth, n, d)
+                start, toward = eye + way * depth, d - 2.0 * d.dot(n) * n
+                matte = SOLID * (AMBIENT * (0.65 + 0.35 * n[1]) + 0.75 * diffuse(studio, start, n, 0.2))
+                glossy = 0.03 + schlick(-d.dot(n))
             else:
                 depth = ti.min(level, FAR)
                 if reach >= 0.0:
                     shade = light_at(grid, light, eye + d * reach)
-                color = around(studio, eye, d, blur, shade)
+            color = around(studio, start, toward, ti.select(thing, 0.05, blur), shade)
+            if thing:
+                color = matte + glossy * (color + lamps(studio, start, toward, 0.12))
             depths[y, c] = depth
             for k in ti.static(range(3)):
                 scene[y, c, k] = color[k]

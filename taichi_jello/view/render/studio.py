@@ -119,13 +119,3 @@ def around(studio: ti.template(), p, d, blur, shade):
         lit = tiles(studio, q, wide) * (AMBIENT + diffuse(studio, q, vec3(0.0, 1.0, 0.0), 0.0)) * shade
         color = mix(lit, HORIZON, haze(studio, q))
     return color
-
-
-@ti.func
-def solid(studio: ti.template(), p, n, d):
-    """A glazed solid at p with the normal n, seen along d."""
-    facing = ti.max(-d.dot(n), 0.0)
-    bounce = d - 2.0 * d.dot(n) * n
-    mirror = around(studio, p, bounce, 0.05, vec3(1.0)) + lamps(studio, p, bounce, 0.12)
-    light = AMBIENT * (0.65 + 0.35 * n[1]) + 0.75 * diffuse(studio, p, n, 0.2)
-    return SOLID * light + (0.03 + schlick(facing)) * mirror
