@@ -40,6 +40,8 @@ from taichi_jello.view.render.studio import (
 CLEAR_AT = 0.55  # of a body's size: the way on which light takes on the body's colour
 PALEST, DARKEST = 0.94, 0.02  # of a colour's channels
 CLOUDY = 2.2  # 1/size: how fast scattered light reaches its full colour
+GRAZING = 0.03  # the least cosine between a ray and a normal
+FAINTEST = 0.01  # the part of the light that a ray is followed for
 ABSORPTION, GLOW, SIZES = 0, 1, 2  # rows of `gel`
 
 
@@ -99,6 +101,79 @@ def scattered(gel: ti.template(), studio: ti.template(), p, n, way):
     return row(gel, GLOW) * lit * (1.0 - ti.exp(-CLOUDY / size * way))
 
 
+@ti.func
+def turned(n, d):
+    """The normal n turned, where it has to be, to face against d: a smooth normal may turn away where its triangle does
+    not."""
+    facing = -d.dot(n)
+    return ti.select(facing < GRAZING, (n + (GRAZING - facing) * -d).normalized(1e-20), n)
+
+
+@ti.func
+def way_inside(view: ti.template(), run: ti.template(), back: ti.template(), thick: ti.template(), p, toward, straight):
+    """(length [m], row, column): how far light that is seen at p has come through the body, and the pixel in which it
+    entered. straight: (length straight on, its length in a unit of depth, the body's size). toward: where a ray bent by
+    the surface would be after a guess of its length."""
+    at = pixel_at(on_screen(view, toward), thick)
+    here = pixel_at(on_screen(view, p), thick)
+    found = vec3(straight[0], float(here[0]), float(here[1]))
+    if at[0] >= run[3] and at[0] < run[5] and at[1] >= run[2] and at[1] < run[4]:
+        there = ti.max(thick[at[0], at[1]] * UNIT, 0.0) * straight[1]
+        found[0] = 0.5 * (straight[0] + ti.min(there, straight[0] + 0.5 * straight[2]))
+        if back[at[0], at[1]] >= 0:
+            found[1], found[2] = float(at[0]), float(at[1])
+    return found
+
+
+@ti.func
+def inner_normal(view: ti.template(), x: ti.template(), normal: ti.template(), faces: ti.template(), key, y, c, d):
+    """The normal that faces against d at the far side of a body, of the triangle in `key` as pixel (y, c) sees it."""
+    n = -d
+    if key >= 0:
+        t = number_of(key)
+        n = -smooth_normal(normal, faces, t, shares(view, x, faces, t, ray(view, c, y)))
+    return turned(n, d)
+
+
+@ti.func
+def lit(
+    view: ti.template(),
+    studio: ti.template(),
+    gel: ti.template(),
+    scene: ti.template(),
+    depths: ti.template(),
+    d,
+    p,
+    n,
+    inner,
+    q,
+    m,
+):
+    """The colour of a body seen along d: light enters or is reflected at p, where its normal is n, goes along `inner`
+    inside, and leaves at q or is reflected there, where the normal is m."""
+    glossy, length = schlick(-d.dot(n)), (q - p).norm()
+    passed = ti.exp(-row(gel, ABSORPTION) * length)
+    leaving = refracted(inner, m, INDEX)
+    out = vec3(leaving[0], leaving[1], leaving[2])
+    kept = ti.select(leaving[3] > 0.5, schlick(-out.dot(m)), 1.0)  # reflected inside
+    color = (1.0 - glossy) * scattered(gel, studio, p, n, length)
+    for k in range(3):  # what is reflected outside, passes straight through, and is reflected inside
+        start, toward, weight = p, d - 2.0 * d.dot(n) * n, vec3(glossy)
+        if k == 1:
+            start, toward, weight = q, out, (1.0 - glossy) * (1.0 - kept) * passed
+        elif k == 2:
+            start, toward, weight = q, inner - 2.0 * inner.dot(m) * m, (1.0 - glossy) * kept * passed * passed
+        if weight.max() > FAINTEST:
+            light = vec3(-1.0)
+            if k == 1:
+                light = behind(view, studio, start, toward, 1.5 * gel[SIZES, 0], scene, depths)
+            if light[0] < 0.0:
+                soft = ti.select(k == 0, 0.12, 0.3)
+                light = around(studio, start, toward, 0.03, vec3(1.0)) + lamps(studio, start, toward, soft)
+            color += weight * light
+    return color
+
+
 @ti.kernel
 def shade(
     view: Array2,
@@ -120,68 +195,22 @@ def shade(
     ti.loop_config(block_dim=4)
     for y in range(run[3], run[5]):
         for c in range(run[2], run[4]):
-            key = front[y, c]
-            depth, sizes = depth_of(key), row(gel, SIZES)
+            depth, sizes = depth_of(front[y, c]), row(gel, SIZES)
             shaded[y, c, 0] = -1.0
             if depth < FAR and depth < depths[y, c] + sizes[2]:
-                way = ray(view, float(c), float(y))
+                way, t = ray(view, float(c), float(y)), number_of(front[y, c])
                 long = way.norm()
                 d, p = way / long, row(view, EYE) + way * depth
-                t = number_of(key)
-                n = smooth_normal(normal, faces, t, shares(view, x, faces, t, way))
-                facing = -d.dot(n)
-                if facing < 0.03:  # a smooth normal may turn away where its triangle does not
-                    n = (n + (0.03 - facing) * -d).normalized(1e-20)
-                    facing = ti.max(-d.dot(n), 0.03)
+                n = turned(smooth_normal(normal, faces, t, shares(view, x, faces, t, way)), d)
                 bent = refracted(d, n, 1.0 / INDEX)
                 inner = vec3(bent[0], bent[1], bent[2])
-                room = ti.max(depths[y, c] - depth, 0.0)
-                straight = ti.math.clamp(thick[y, c] * UNIT, 0.0, room) * long
-                # The way inside: between that straight on and that where a ray bent by the surface would leave.
-                guess = on_screen(view, p + inner * (straight + 0.25 * sizes[0] * (1.0 - facing)))
-                at = pixel_at(guess, depths)
-                leave = key
-                length = straight
-                inside = at[0] >= run[3] and at[0] < run[5] and at[1] >= run[2] and at[1] < run[4]
-                if inside:
-                    there = ti.max(thick[at[0], at[1]] * UNIT, 0.0) * long
-                    length = 0.5 * (straight + ti.min(there, straight + 0.5 * sizes[0]))
-                    leave = back[at[0], at[1]]
-                if not inside or leave < 0:
-                    leave = back[y, c]
-                    at = ti.Vector([y, c, 1])
-                length = ti.max(length, sizes[1] / ti.max(-inner.dot(n), 0.3))
-                q = p + inner * length
-                out, m = inner, -n
-                if leave >= 0:
-                    other = number_of(leave)
-                    away = ray(view, float(at[1]), float(at[0]))
-                    m = -smooth_normal(normal, faces, other, shares(view, x, faces, other, away))
-                if -inner.dot(m) < 0.03:
-                    m = (m - (0.03 + inner.dot(m)) * inner).normalized(1e-20)
-                leaving = refracted(inner, m, INDEX)
-                out = vec3(leaving[0], leaving[1], leaving[2])
-                mirrored = inner - 2.0 * inner.dot(m) * m
-                kept = ti.select(leaving[3] > 0.5, schlick(-out.dot(m)), 1.0)  # reflected inside
-                glossy = schlick(facing)
-                passed = ti.exp(-row(gel, ABSORPTION) * length)
-                color = (1.0 - glossy) * scattered(gel, studio, p, n, length)
-                # Three rays: reflected outside, straight through, reflected inside.
-                for k in range(3):
-                    start, toward, weight = p, d - 2.0 * d.dot(n) * n, vec3(glossy)
-                    if k == 1:
-                        start, toward, weight = q, out, (1.0 - glossy) * (1.0 - kept) * passed
-                    elif k == 2:
-                        start, toward = q, mirrored
-                        weight = (1.0 - glossy) * kept * passed * passed
-                    if weight.max() > 0.01:
-                        light = vec3(-1.0)
-                        if k == 1:
-                            light = behind(view, studio, start, toward, 1.5 * sizes[0], scene, depths)
-                        if light[0] < 0.0:
-                            soft = ti.select(k == 0, 0.12, 0.3)
-                            light = around(studio, start, toward, 0.03, vec3(1.0)) + lamps(studio, start, toward, soft)
-                        color += weight * light
+                straight = ti.math.clamp(thick[y, c] * UNIT, 0.0, ti.max(depths[y, c] - depth, 0.0)) * long
+                guess = p + inner * (straight + 0.25 * sizes[0] * (1.0 + d.dot(n)))
+                inside = way_inside(view, run, back, thick, p, guess, vec3(straight, long, sizes[0]))
+                q = p + inner * ti.max(inside[0], sizes[1] / ti.max(-inner.dot(n), 0.3))
+                leave = back[int(inside[1]), int(inside[2])]
+                m = inner_normal(view, x, normal, faces, leave, inside[1], inside[2], inner)
+                color = lit(view, studio, gel, scene, depths, d, p, n, inner, q, m)
                 for k in ti.static(range(3)):
                     shaded[y, c, k] = color[k]
 

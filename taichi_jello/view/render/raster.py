@@ -152,7 +152,7 @@ class Raster:
         for k in np.argsort(away, kind="stable"):
             first, last = bodies.first[k], bodies.first[k + 1]
             seen, box = screen[bodies.points[k]], self._box_of(screen[bodies.points[k]])
-            mesh, places = (x, normal, bodies.faces), screen
+            mesh, places = [x, normal, bodies.faces], screen
             if seen[:, 2].min() <= JUST_BEFORE:
                 *mesh, places = self._projected(view, x, normal, bodies.faces[first:last])
                 first, last = 0, len(mesh[2])

@@ -15,9 +15,9 @@ LIGHT_TILE, DARK_TILE = vec3(0.56, 0.57, 0.60), vec3(0.44, 0.46, 0.50)
 AMBIENT = vec3(0.42, 0.45, 0.50)  # what the whole sky adds to a surface that faces up, of its albedo
 SOLID = vec3(0.46, 0.50, 0.55)
 LAMP = vec3(1.0, 0.985, 0.96)
-GLARE = 15.0  # the radiance of the first lamp, seen in reflections
+GLARE = 10.0  # the radiance of the first lamp, seen in reflections
 SECOND = 0.55  # the second lamp's, of the first one's
-LIT = 1.0  # what the lamps add to the floor just below the first one, of its albedo
+LIT = 1.2  # what the lamps add to the floor just below the first one, of its albedo
 INDEX = 1.35  # of refraction: gelatine with much water
 FACING = ((INDEX - 1.0) / (INDEX + 1.0)) ** 2  # reflected at a right angle
 HAZE = (1.1, 4.2)  # of the studio's size, from its middle: where the floor begins and ends to fade
@@ -32,8 +32,8 @@ def studio_of(middle: np.ndarray, size: float, floor: float | None) -> np.ndarra
     step = 10.0 ** np.floor(np.log10(tile))
     tile = step * min((1.0, 2.0, 2.5, 5.0, 10.0), key=lambda n: abs(n * step - tile))
     base = np.array([middle[0], middle[1] - 0.2 * size if floor is None else floor, middle[2]])
-    lamps = base + size * np.array([[-0.12, 0.78, -0.30], [-0.62, 0.85, 0.52]])
-    halves = size * np.array([[0.30, 0.0, 0.19], [0.17, 0.0, 0.21]])
+    lamps = base + size * np.array([[-0.22, 0.64, -0.55], [-0.55, 0.85, 0.45]])
+    halves = size * np.array([[0.34, 0.0, 0.26], [0.17, 0.0, 0.21]])
     return np.array([base, [size, tile, float(floor is not None)], *lamps, *halves], np.float32)
 
 
