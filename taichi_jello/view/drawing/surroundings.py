@@ -73,7 +73,6 @@ class Surroundings:
         self.triangles.x = self._x[:vertices]
         self.lines = Lines(self._x[vertices:], self._rgb[vertices:])
         self._last = np.zeros(0, np.float32)
-        self.version = 0  # counts the updates that changed something
 
     def origins(self, time: float) -> np.ndarray:
         """(colliders, 3) [m]."""
@@ -85,7 +84,6 @@ class Surroundings:
         if np.array_equal(now, self._last):
             return
         self._last = now
-        self.version += 1
         np.add(self._base, origins[self._owner], out=self._x)
         if len(self._x):
             shade(self._x, self._normal, self._solid, camera, self._rgb)
