@@ -78,6 +78,11 @@ class Surroundings:
         """(colliders, 3) [m]."""
         return np.array([s.collider.place(time) for s in self.surfaces], np.float32)
 
+    def points(self, time: float) -> np.ndarray:
+        """(V, 3) float32: where the points of `triangles` are at `time` [m], whether or not they have been updated."""
+        count = len(self.triangles.x)
+        return self._base[:count] + self.origins(time)[self._owner[:count]]
+
     def update(self, origins: np.ndarray, camera: np.ndarray) -> None:
         """Fill triangles and lines, unless neither colliders nor the camera have moved."""
         now = np.concatenate([origins, camera])

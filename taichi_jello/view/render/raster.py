@@ -118,7 +118,9 @@ class Raster:
         stage.stage(view, self._studio, *shadow_of, x, normal, faces, self._keys, part.colors, part.depths)
         return True
 
-    def _projected(self, view: np.ndarray, x: np.ndarray, normal: np.ndarray, faces: np.ndarray) -> tuple:
+    def _projected(
+        self, view: np.ndarray, x: np.ndarray, normal: np.ndarray, faces: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
         """A mesh and where its points are on the screen; what is behind the eye is cut off."""
         screen = np.zeros_like(x)
         if len(x):
