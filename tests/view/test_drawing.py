@@ -163,7 +163,7 @@ def test_an_embedded_skin_is_drawn_and_its_scaffold_is_not():
     points = skin.triangles.x[skin.index[round_ones]].reshape(-1, 3)
     assert np.linalg.norm(points - middle, axis=1) == pytest.approx(0.4, abs=1e-5)
     # The mean of the facets' normals around a point of a sphere is its direction, to the square of their angle.
-    normals = skin._normal[skin.index[round_ones]].reshape(-1, 3)
+    normals = skin.normal[skin.index[round_ones]].reshape(-1, 3)
     assert normals == pytest.approx((points - middle) / 0.4, abs=0.05)
     ends = drawing.lines[-1].x
     own = ends[ends[:, 0] < 1.0]

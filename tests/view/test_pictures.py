@@ -56,11 +56,12 @@ def box(mask):
 
 @pytest.mark.parametrize("name", RENDERERS)
 def test_skin_is_where_the_camera_says(name, cube):
-    image = shot(name, cube, only=("skin",))
+    image, empty = shot(name, cube, only=("skin",)), shot(name, cube, only=())
     assert image.shape == (SIZE[1], SIZE[0], 3)
     corners = drawing_of(cube).viewpoint.project(cube.body.x, SIZE)
     expected = np.concatenate([corners.min(0), corners.max(0)])
-    assert np.abs(box(reddish(image)) - expected).max() < 2.0
+    assert np.abs(box(np.abs(image - empty).max(2) > 2) - expected).max() < 2.0
+    assert reddish(image).sum() > 0.5 * np.prod(expected[2:] - expected[:2])
 
 
 @pytest.mark.parametrize("name", RENDERERS)
@@ -109,7 +110,7 @@ def test_shadow_pales_and_moves_with_height(name):
             drawing = drawing_of(simulation)
             drawing.hidden = set(LAYERS)
             shaded = finished(renderer, drawing, simulation, legend=False).astype(int)
-            drawing.shadows = []
+            simulation.put(simulation.body.x + [0.0, 1e3, 0.0])
             lost = finished(renderer, drawing, simulation, legend=False).astype(int) - shaded
             assert np.mean(lost < -1) < 1e-3  # a shadow brightens nothing
             darkest.append(lost.max())
@@ -154,26 +155,17 @@ def test_what_is_kept_from_picture_to_picture_is_never_old():
 
 
 @pytest.mark.skipif(not ggui.available(), reason="no Vulkan driver works here")
-@pytest.mark.parametrize("samples", [1, 2])
-def test_both_renderers_draw_the_same_picture(samples):
-    scene = cube_scene(0.9, rotation=(20.0, 30.0, 10.0))
-    scene = Scene(
-        jello=scene.jello,
-        collider=(*scene.collider, Sphere(center=(0.9, 0.4, 0.3), radius=0.4)),
-        camera=scene.camera,
-    )
-    simulation = Still(scene)
-    ours, theirs = (shot(name, simulation, samples=samples) for name in ("raster", "ggui"))
-    difference = np.abs(ours - theirs).max(2)
-    assert difference.mean() < 1.5
-    assert np.mean(difference > 40) < 0.01
-    for mask in (reddish, bluish):
-        assert np.abs(box(mask(ours)) - box(mask(theirs))).max() <= 2
+def test_both_renderers_draw_springs_in_the_same_places():
+    simulation = Still(cube_scene(0.9, rotation=(20.0, 30.0, 10.0)))
+    ours, theirs = (shot(name, simulation, only=("springs",)) for name in ("raster", "ggui"))
+    assert np.abs(box(bluish(ours)) - box(bluish(theirs))).max() <= 2
 
 
 def test_more_samples_soften_edges(cube):
-    rough, soft = (shot("raster", cube, only=("springs",), samples=samples) for samples in (1, 2))
-    assert len(np.unique(soft.reshape(-1, 3), axis=0)) > 1.2 * len(np.unique(rough.reshape(-1, 3), axis=0))
+    """From pixel to pixel the picture of a cube's outline and of what is seen through it changes less."""
+    rough, soft = (shot("raster", cube, only=("skin",), samples=samples) for samples in (1, 2))
+    steps = [np.square(np.diff(image, axis=1)).sum() for image in (rough, soft)]
+    assert steps[1] < 0.97 * steps[0]
 
 
 @pytest.mark.parametrize("name", RENDERERS)
@@ -186,7 +178,8 @@ def test_a_camera_inside_the_scene_draws(name, cube):
     drawing.viewpoint.target[:] = [0.0, 1.3, -5.0]
     with opened(name) as renderer:
         image = finished(renderer, drawing, cube, legend=False).astype(int)
-    assert np.ptp(image[:60], axis=1).max() <= 1
+        drawing.hidden = set(LAYERS)
+        assert np.abs(image - finished(renderer, drawing, cube, legend=False))[:60].max() <= 1
     assert np.median(image[200:, :, 2] - image[200:, :, 0]) < 16
 
 

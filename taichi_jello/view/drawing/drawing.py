@@ -26,7 +26,8 @@ HIDDEN = dict(zip(SHOWS, (set(), {"skin"}, {"springs", "particles"}, {"skin", "s
 class Drawing:
     """What one scene looks like now. Parts that the scene lacks are None and cost nothing.
 
-    `update` fills them for one moment; `hidden`: LAYERS to leave out; aspect: width over height of the picture."""
+    `update` fills them for one moment, colours only when a renderer asks. `hidden`: LAYERS to leave out; aspect: width
+    over height of the picture."""
 
     def __init__(self, scene: Scene, body: Body, aspect: float = ASPECT):
         self.scene, self.body, self.count = scene, body, len(body)
@@ -38,6 +39,8 @@ class Drawing:
         self.springs = Springs(body) if len(body.springs) else None
         self.hidden: set[str] = set()
         self.show(scene.camera.show)
+        self.time = 0.0  # s, of the last update
+        self._unpainted: tuple[np.ndarray, np.ndarray] | None = None
         self._whole = np.ones(len(body.springs), bool)
         self._build_skins(body)
 
@@ -66,6 +69,11 @@ class Drawing:
         """(N, 3) float32: the particles [m] at the last update."""
         return self._points[: self.count]
 
+    @property
+    def skin_points(self) -> np.ndarray:
+        """(N + P, 3) float32: the particles and after them the points of embedded skins [m] at the last update."""
+        return self._points[: self._skinned]
+
     def _make_shadows(self, body: Body) -> list[tuple[int, Shadow]]:
         """A shadow on each planar surface that faces up, with the surface's number."""
         if self.surroundings is None:
@@ -93,7 +101,7 @@ class Drawing:
         color = color or self.color
         if color not in COLORS:
             raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
-        camera = camera_rows(self.viewpoint)
+        camera, self.time = camera_rows(self.viewpoint), time
         if self.changing:
             self._change(time, memory)
         self._points[: self.count], self._velocities[:] = x, v
@@ -104,10 +112,11 @@ class Drawing:
         self._dots.x[:] = self._points[self._dotted]
         if self.skin is not None and "skin" not in self.hidden:
             self.skin.place(self._points, self._points[self.count : self._skinned])
+        origins = np.zeros((0, 3), np.float32)
         if self.surroundings is not None:
-            self._update_surroundings(self.surroundings, self.surroundings.origins(time), camera)
-        if self.skin is not None and "skin" not in self.hidden:
-            self.skin.shade(camera)
+            origins = self.surroundings.origins(time)
+            self._move_surroundings(self.surroundings, origins, camera[EYE])
+        self._unpainted = origins, camera
 
     def _change(self, time: float, memory: Memory) -> None:
         """Follow springs that creep, melt or tear; torn springs take their part of the skin with them."""
@@ -118,8 +127,8 @@ class Drawing:
         if self.springs is not None:
             self.springs.set_state(springs_at(self.scene, self.body, time, memory))
 
-    def _update_surroundings(self, surroundings: Surroundings, origins: np.ndarray, camera: np.ndarray) -> None:
-        """Move the colliders to their origins, cast shadows, and lift the skin out of penalty floors."""
+    def _move_surroundings(self, surroundings: Surroundings, origins: np.ndarray, eye: np.ndarray) -> None:
+        """Move the colliders to their origins, and lift the skin out of penalty floors."""
         start = self._skinned
         for surface, origin in zip(surroundings.surfaces, origins, strict=True):
             if not surface.planar:
@@ -128,12 +137,22 @@ class Drawing:
             elif self.skin is not None and "skin" not in self.hidden:
                 x, normal = self.skin.triangles.x, surface.normal[0]
                 height = (x - surface.points[0] - origin) @ normal
-                lift = SKIN_LIFT * float(np.linalg.norm(camera[EYE] - origin))
+                lift = SKIN_LIFT * float(np.linalg.norm(eye - origin))
                 low = np.flatnonzero((height < lift) & (height > -MAX_PENETRATION))
                 x[low] += np.outer(lift - height[low], normal)
-        surroundings.update(origins, camera)
-        for index, shadow in self.shadows:
-            shadow.update(self._points, origins[index], camera)
+
+    def _paint(self) -> None:
+        """Colour the vertices as they were last updated, cast shadows and sort the skin, once a renderer asks for it:
+        one that shades pixels never does."""
+        if self._unpainted is None:
+            return
+        (origins, camera), self._unpainted = self._unpainted, None
+        if self.surroundings is not None:
+            self.surroundings.update(origins, camera)
+            for index, shadow in self.shadows:
+                shadow.update(self._points, origins[index], camera)
+        if self.skin is not None and "skin" not in self.hidden:
+            self.skin.shade(camera)
 
     @property
     def key(self) -> Key:
@@ -142,11 +161,13 @@ class Drawing:
 
     @property
     def shadow_triangles(self) -> list[Triangles]:
+        self._paint()
         return [shadow.triangles for _, shadow in self.shadows]
 
     @property
     def opaque(self) -> list[Triangles]:
         """Colliders and shadows."""
+        self._paint()
         return [*([self.surroundings.triangles] if self.surroundings else []), *self.shadow_triangles]
 
     @property
@@ -156,6 +177,7 @@ class Drawing:
     @property
     def lines(self) -> list[Lines]:
         """The grids of floors, and springs."""
+        self._paint()
         grid = [self.surroundings.lines] if self.surroundings else []
         return [lines for lines in grid + self.spring_lines if len(lines.x)]
 
@@ -165,6 +187,7 @@ class Drawing:
 
     @property
     def blended(self) -> Triangles | None:
+        self._paint()
         return None if self.skin is None or "skin" in self.hidden else self.skin.triangles
 
 

@@ -76,7 +76,7 @@ class Skin:
         self.albedo = palette.SKINS[owner % len(palette.SKINS)].astype(np.float32)
         self.owner = owner[self.index[:, 0]]
         self.triangles = Triangles.empty(len(owner), self.index)
-        self._normal = np.zeros((len(owner), 3), np.float32)
+        self.normal = np.zeros((len(owner), 3), np.float32)
         self._away = np.zeros(len(self.index), np.float32)
         self._flat = np.zeros((len(self.surface), 3), np.float32)
         self._corner = np.zeros((3 * len(self.surface), 3), np.float32)
@@ -87,14 +87,14 @@ class Skin:
         if fine is not None:
             corner_normals(x, self.surface, self._flat, fine.corner_start, fine.corner_face, self._corner)
             weights = self._corner, fine.start, fine.item, fine.weight
-            fine_vertices(x, fine.parent, fine.share, *weights, out.x[: self.count], self._normal[: self.count])
+            fine_vertices(x, fine.parent, fine.share, *weights, out.x[: self.count], self.normal[: self.count])
         if self.embedded is not None:
-            out.x[self.count :], self._normal[self.count :] = skin, self.embedded.normals
+            out.x[self.count :], self.normal[self.count :] = skin, self.embedded.normals
 
     def shade(self, camera: np.ndarray) -> None:
         """Colour and sort the triangles where they are now."""
         out = self.triangles
-        shade(out.x, self._normal, self.albedo, self.index, camera, out.rgba, self._away)
+        shade(out.x, self.normal, self.albedo, self.index, camera, out.rgba, self._away)
         out.index = self.index[self._order()]
 
     def _order(self) -> np.ndarray:

@@ -73,11 +73,15 @@ class Surroundings:
         self.triangles.x = self._x[:vertices]
         self.lines = Lines(self._x[vertices:], self._rgb[vertices:])
         self._last = np.zeros(0, np.float32)
-        self.version = 0  # counts the updates that changed something
 
     def origins(self, time: float) -> np.ndarray:
         """(colliders, 3) [m]."""
         return np.array([s.collider.place(time) for s in self.surfaces], np.float32)
+
+    def points(self, time: float) -> np.ndarray:
+        """(V, 3) float32: where the points of `triangles` are at `time` [m], whether or not they have been updated."""
+        count = len(self.triangles.x)
+        return self._base[:count] + self.origins(time)[self._owner[:count]]
 
     def update(self, origins: np.ndarray, camera: np.ndarray) -> None:
         """Fill triangles and lines, unless neither colliders nor the camera have moved."""
@@ -85,7 +89,6 @@ class Surroundings:
         if np.array_equal(now, self._last):
             return
         self._last = now
-        self.version += 1
         np.add(self._base, origins[self._owner], out=self._x)
         if len(self._x):
             shade(self._x, self._normal, self._solid, camera, self._rgb)

@@ -31,12 +31,10 @@ class Clock:
 
 
 def open_film_renderer(name: str, size: tuple[int, int]) -> Renderer:
-    """The renderer for many pictures. On a software Vulkan driver `auto` is the rasteriser, whose pictures with smooth
-    edges are faster than GGUI's with rough ones."""
-    fast = runtime.has_real_vulkan()
-    if name == "auto" and not fast and runtime.current().arch not in ("vulkan", "metal"):
-        name = "raster"
-    return open_renderer(name, size, samples=1 if name != "raster" and not fast else 2)
+    """The renderer for many pictures. On a software Vulkan driver GGUI draws rough edges: smooth ones take too long."""
+    drawn_by_ggui = name == "ggui" or (name == "auto" and runtime.current().arch in ("vulkan", "metal"))
+    rough = drawn_by_ggui and not runtime.has_real_vulkan()
+    return open_renderer(name, size, samples=1 if rough else 2)
 
 
 class Pictures:
@@ -65,11 +63,11 @@ class Skins:
     def take(self) -> Mesh:
         now = self.simulation.snapshot()
         self.drawing.update(now.x, now.v, now.time, memory=now.memory)
-        skin = self.drawing.skin
-        assert skin is not None
+        skin, painted = self.drawing.skin, self.drawing.blended
+        assert skin is not None and painted is not None
         # The skin's own index: that of its triangles is sorted anew for every picture.
-        rgb = np.round(255.0 * skin.triangles.rgba[:, :3].clip(0.0, 1.0)).astype(np.uint8)
-        return Mesh(skin.triangles.x.copy(), rgb, skin.index)
+        rgb = np.round(255.0 * painted.rgba[:, :3].clip(0.0, 1.0)).astype(np.uint8)
+        return Mesh(painted.x.copy(), rgb, skin.index)
 
     def close(self) -> None:
         pass

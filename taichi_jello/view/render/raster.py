@@ -1,14 +1,37 @@
-"""The rasteriser: draws with Taichi kernels, without a Vulkan driver."""
+"""The rasteriser: Taichi kernels shade every pixel, without a Vulkan driver.
+
+A picture is made of layers: the stage, which is kept while neither the eye nor a collider moves; over it one jello
+after the other, from the farthest; over them the strokes. Only the part of the picture in which something can have
+changed is drawn anew. Smooth edges come from four such pictures, each shifted by a part of a pixel.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from taichi_jello.support import runtime
 from taichi_jello.support.runtime import RuntimeProblem
-from taichi_jello.view.camera import Viewpoint
-from taichi_jello.view.drawing import palette
+from taichi_jello.view.camera import NEAR, Viewpoint
 from taichi_jello.view.drawing.drawing import Drawing
-from taichi_jello.view.drawing.primitives import ROWS, Lines, Triangles
-from taichi_jello.view.render import fill
+from taichi_jello.view.drawing.primitives import ROWS
+from taichi_jello.view.drawing.shading import MIN_DEPTH
+from taichi_jello.view.render import buffers, develop, gel, stage, strokes
+from taichi_jello.view.render.cast import DEEP, Gels, Solids, Strokes, studio_for
+from taichi_jello.view.render.clipping import clipped
+from taichi_jello.view.render.soft_shadow import Shadow
+
+SHIFTS = {1: [(0.0, 0.0)], 2: [(0.25, 0.125), (-0.125, 0.25), (0.125, -0.25), (-0.25, -0.125)]}  # pixels
+BLACK = np.full((1, 3), 1e3, np.float32)  # what opaque bodies absorb [1/m]
+
+
+@dataclass
+class Stage:
+    """The picture without jellos, as seen by `view`: linear colours and depths [m]."""
+
+    view: np.ndarray
+    colors: np.ndarray
+    depths: np.ndarray
+    seen: bytes = b""
 
 
 class Raster:
@@ -21,62 +44,146 @@ class Raster:
         if self._runtime.arch in ("vulkan", "metal"):
             raise RuntimeProblem(f"raster: needs 64-bit atomics, which {self._runtime.arch} lacks; use --arch cpu")
         self.size, self.samples = size, samples
-        width, height = size
-        self._pixels = np.zeros((height * samples, width * samples), np.int64)
-        self._image = np.zeros((height, width, 3), np.uint8)
-        self._last: tuple[object, ...] = ()
-        self._background: np.ndarray | None = None
+        shape = size[1], size[0]
+        empty = np.zeros((9, 3), np.float32)
+        self._stages = [
+            Stage(empty, np.zeros((*shape, 3), np.float32), np.zeros(shape, np.float32)) for _ in SHIFTS[samples]
+        ]
+        self._keys = np.full(shape, buffers.EMPTY, np.int64)  # of solids, then of strokes
+        self._front, self._back = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
+        self._thick = np.zeros(shape, np.int32)
+        self._scene, self._shaded = (np.zeros((*shape, 3), np.float32) for _ in range(2))
+        self._mean = np.zeros((*shape, 3) if samples > 1 else (1, 1, 3), np.float32)
+        self._depths, self._tops = (np.zeros(shape, np.float32) for _ in range(2))
+        self._image = np.zeros((*shape, 3), np.uint8)
         self._columns: list[np.ndarray] = []
-        self._box, self._edge = np.zeros((0, 4), np.int32), np.zeros((0, 9), np.float32)
+        self._drawing: Drawing | None = None
+        self._gels: Gels | None = None
+        self._studio, self._floor = np.zeros((6, 3), np.float32), 0.0
+        self._shadow = Shadow(1.0, 1.0)
+        self._changed = np.array([[0, 0], size])
 
     def draw(self, drawing: Drawing, viewpoint: Viewpoint) -> None:
         runtime.check(self._runtime)
-        height, width = self._pixels.shape
-        matrix = viewpoint.to_pixels((width, height)).astype(np.float32)
-        self._draw_surroundings(drawing, matrix)
-        self._draw_opaque(drawing.shadow_triangles, drawing.spring_lines, matrix)
-        dots = drawing.dots
-        if dots is not None:
-            scale = dots.radius * viewpoint.pixels_per_meter(height)
-            fill.dots(self._pixels, matrix, dots.x, dots.rgb, fill.vec3(*viewpoint.eye), scale, dots.radius)
-        skin = drawing.blended
-        if skin is not None:
-            fill.skin(self._pixels, skin.rgba, skin.index, *self._prepare(skin, matrix))
+        if drawing is not self._drawing:
+            self._take(drawing)
+        if drawing.skin is None:
+            self._gels = None
+        elif self._gels is None or self._gels.skin is not drawing.skin:
+            self._gels = Gels(drawing.body, drawing.skin)
+        self._cast_shadow(drawing)
+        visible = drawing.skin is not None and "skin" not in drawing.hidden
+        bodies = self._gels if visible else None
+        lines = Strokes.of(drawing)
+        solids = Solids.of(drawing.surroundings, drawing.time)
+        views = [buffers.view_of(viewpoint, self.size, shift) for shift in SHIFTS[self.samples]]
+        moved = [self._set(part, view, solids) for part, view in zip(self._stages, views, strict=True)]
+        points = [self._shadow.outline(), lines.x, *([] if bodies is None else [bodies.x()])]
+        box = self._box(views[0], np.concatenate(points).astype(np.float32))
+        region = np.array([[0, 0], self.size]) if any(moved) else _union(box, self._changed)
+        self._changed = box
+        for number in range(len(views)):
+            self._draw_sample(number, bodies, lines, region.astype(np.int32))
 
-    def _draw_surroundings(self, drawing: Drawing, matrix: np.ndarray) -> None:
-        """Draw the background and the colliders. If nothing there has changed, a copy is kept for the next pictures."""
-        around = drawing.surroundings
-        now = (around, 0 if around is None else around.version, matrix.tobytes())
-        again, self._last = now == self._last, now
-        if again and self._background is not None:
-            np.copyto(self._pixels, self._background)
-            return
-        fill.backdrop(self._pixels, palette.SKY_TOP, palette.SKY_LOW)
-        if around is not None:
-            self._draw_opaque([around.triangles], [around.lines], matrix)
-        self._background = self._pixels.copy() if again else None
+    def _take(self, drawing: Drawing) -> None:
+        """Prepare for another drawing."""
+        self._drawing, self._studio = drawing, studio_for(drawing)
+        self._floor = float(self._studio[0, 1])
+        size, extent = float(self._studio[1, 0]), float(np.ptp(drawing.body.x, axis=0).max())
+        self._gels = None
+        self._shadow = Shadow(size, extent or 0.1 * size)
+        for part in self._stages:
+            part.seen = b""
 
-    def _draw_opaque(self, meshes: list[Triangles], batches: list[Lines], matrix: np.ndarray) -> None:
-        scale = len(self._pixels) / ROWS
-        for mesh in meshes:
-            fill.triangles(self._pixels, mesh.rgba, mesh.index, *self._prepare(mesh, matrix))
-        for batch in batches:
-            if len(batch.x):
-                fill.lines(self._pixels, matrix, batch.x, batch.rgb, max(batch.width * scale, 1.0))
+    def _cast_shadow(self, drawing: Drawing) -> None:
+        if self._gels is not None and self._studio[1, 2] > 0.0:
+            x, faces, kind = self._gels.casters(drawing)
+            self._shadow.update(x, faces, kind, self._gels.absorption, self._floor)
 
-    def _prepare(self, mesh: Triangles, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        count = len(mesh.index)
-        if count > len(self._box):
-            self._box, self._edge = np.zeros((count, 4), np.int32), np.zeros((count, 9), np.float32)
-        box, edge = self._box[:count], self._edge[:count]
-        height, width = self._pixels.shape
-        fill.prepare(matrix, mesh.x, mesh.index, width, height, box, edge)
-        return box, edge
+    def _set(self, part: Stage, view: np.ndarray, solids: Solids) -> bool:
+        """Draw the stage anew if the eye or a collider has moved since; whether it was."""
+        seen = view.tobytes() + solids.x.tobytes()
+        if seen == part.seen:
+            return False
+        part.seen, part.view = seen, view
+        x, normal, faces, screen = self._projected(view, solids.x, solids.normal, solids.faces)
+        stage.clear(self._keys)
+        size = float(self._studio[1, 0])
+        extent = float(np.ptp(solids.x, axis=0).max()) if len(solids.x) else size
+        shadow = Shadow(size, extent, solid=True)
+        if len(faces):
+            buffers.nearest(screen, faces, self._keys)
+            shadow.update(solids.x, solids.faces, np.zeros(len(solids.faces), np.int32), BLACK, self._floor)
+        shadow_of = shadow.grid, shadow.light
+        stage.stage(view, self._studio, *shadow_of, x, normal, faces, self._keys, part.colors, part.depths)
+        return True
+
+    def _projected(
+        self, view: np.ndarray, x: np.ndarray, normal: np.ndarray, faces: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """A mesh and where its points are on the screen; what is behind the eye is cut off."""
+        screen = np.zeros_like(x)
+        if len(x):
+            buffers.project(view, x, screen)
+            if screen[:, 2].min() <= MIN_DEPTH:
+                faces, x, normal = clipped(screen[:, 2], faces, x, normal)
+                screen = np.zeros_like(x)
+                buffers.project(view, x, screen)
+        return x, normal, faces, screen
+
+    def _draw_sample(self, number: int, bodies: Gels | None, lines: Strokes, region: np.ndarray) -> None:
+        picture, count = self._stages[number], len(self._stages)
+        view, scene = picture.view, (self._scene, self._depths)
+        shadow = self._shadow.grid, self._shadow.light
+        stage.begin(view, self._studio, *shadow, picture.colors, picture.depths, region, *scene, self._tops)
+        if bodies is not None:
+            self._draw_bodies(view, bodies)
+        ends, radius = np.full((len(lines.pairs), 8), 0.0, np.float32), lines.radius.copy()
+        radius[:, 1] *= self.size[1] / ROWS
+        strokes.strokes(view, lines.x, lines.pairs, radius, ends, self._keys, region)
+        fade = DEEP / bodies.size if bodies is not None else 0.0
+        inked = self._keys, ends, lines.rgb, fade
+        seen = self._scene, picture.depths, self._tops
+        part = (-1.0 if number == 0 else 1.0) / count
+        develop.compose(*inked, *seen, region, self._mean, part, self._image, int(number == count - 1))
+
+    def _draw_bodies(self, view: np.ndarray, bodies: Gels) -> None:
+        x, normal = bodies.x(), bodies.normal
+        screen = np.zeros_like(x)
+        buffers.project(view, x, screen)
+        away = [-np.nan_to_num(screen[points, 2]).mean() for points in bodies.points]
+        for k in np.argsort(away, kind="stable"):
+            first, last = bodies.first[k], bodies.first[k + 1]
+            seen, box = screen[bodies.points[k]], self._box_of(screen[bodies.points[k]])
+            mesh, places = [x, normal, bodies.faces], screen
+            if seen[:, 2].min() <= MIN_DEPTH:
+                *mesh, places = self._projected(view, x, normal, bodies.faces[first:last])
+                first, last = 0, len(mesh[2])
+            if last > first and np.all(box[1] > box[0]):
+                run = np.array([first, last, *box[0], *box[1]], np.int32)
+                buffers.layers(places, mesh[2], run, self._front, self._back, self._thick)
+                surface = *mesh, run, self._front, self._back, self._thick
+                gel.shade(view, self._studio, bodies.gel[k], *surface, self._scene, self._depths, self._shaded)
+                gel.settle(run, self._front, self._shaded, self._scene, self._depths, self._tops)
+
+    def _box(self, view: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """(2, 2): first column and row, and those after the last, of the part of the picture that points x lie in."""
+        if not len(x):
+            return np.zeros((2, 2), int)
+        screen = np.zeros_like(x)
+        buffers.project(view, x, screen)
+        return self._box_of(screen)
+
+    def _box_of(self, screen: np.ndarray) -> np.ndarray:
+        if not np.isfinite(screen).all() or screen[:, 2].min() <= NEAR:
+            return np.array([[0, 0], self.size])
+        edge = 4 + self.size[1] // 200
+        low, high = np.floor(screen[:, :2].min(0)) - edge, np.ceil(screen[:, :2].max(0)) + edge
+        return np.clip(np.stack([low, high]), 0, self.size).astype(int)
 
     def image(self) -> np.ndarray:
         """(height, width, 3) uint8: a copy of the last picture."""
         runtime.check(self._runtime)
-        fill.resolve(self._pixels, self._image, self.samples)
         return self._image.copy()
 
     def columns(self) -> np.ndarray:
@@ -85,9 +192,18 @@ class Raster:
         if len(self._columns) < 2:
             self._columns = [np.zeros(self.size, np.uint32) for _ in range(2)]
         self._columns.reverse()
-        fill.resolve_columns(self._pixels, self._columns[0], self.samples)
+        develop.columns_of(self._image, self._columns[0])
         return self._columns[0]
 
     def close(self) -> None:
         """Free the picture's memory."""
-        self._pixels, self._background = np.zeros((0, 0), np.int64), None
+        self._stages, self._drawing = [], None
+
+
+def _union(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The smallest box (2, 2) around two, either of which may be empty."""
+    if np.any(a[1] <= a[0]):
+        return b
+    if np.any(b[1] <= b[0]):
+        return a
+    return np.stack([np.minimum(a[0], b[0]), np.maximum(a[1], b[1])])

@@ -22,7 +22,7 @@ Renderer = ggui.Ggui | raster.Raster
 
 
 def open_renderer(name: str = "auto", size: Size = SIZE, samples: int = 2) -> Renderer:
-    """A renderer into memory: `auto` is GGUI if a Vulkan driver works, else the rasteriser.
+    """A renderer into memory: `auto` is the rasteriser, or GGUI if Taichi runs on Vulkan or Metal.
     size: (width, height) [pixels]; samples: 1, or 2 for smooth edges. Close it before Taichi starts again and, if it is
     GGUI, before the next one. Raises RuntimeProblem if it cannot draw."""
     if name not in NAMES:
@@ -31,7 +31,7 @@ def open_renderer(name: str = "auto", size: Size = SIZE, samples: int = 2) -> Re
         raise RuntimeProblem(f"size: expected 16 to 8192 pixels a side, got {size[0]} x {size[1]}")
     if samples not in (1, 2):
         raise RuntimeProblem(f"samples: expected 1 or 2, got {samples}")
-    if name == "ggui" or (name == "auto" and ggui.available()):
+    if name == "ggui" or (name == "auto" and runtime.current().arch in ("vulkan", "metal")):
         return ggui.Ggui(size, samples)
     return raster.Raster(size, samples)
 

@@ -123,7 +123,8 @@ class Viewer:
         if surroundings is None or not len(surroundings.triangles.x):
             return False
         eye, direction = ray(self.viewpoint, at, self.size)
-        front = pick_triangle(surroundings.triangles.x, surroundings.triangles.index, eye, direction)
+        x = surroundings.points(self.drawing.time)
+        front = pick_triangle(x, surroundings.triangles.index, eye, direction)
         far, near = (np.linalg.norm(p.point - eye) if p else np.inf for p in (hit, front))
         return bool(near < far - PICK_DEPTH_TOLERANCE)
 
