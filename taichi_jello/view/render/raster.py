@@ -26,12 +26,24 @@ BLACK = np.full((1, 3), 1e3, np.float32)  # what opaque bodies absorb [1/m]
 
 @dataclass
 class Stage:
-    """The picture without jellos, as seen by `view`: linear colours and depths [m]."""
+    """The picture without jellos, as seen by `view`: linear colours and depths [m]; `scene` is the same with jellos, and
+    `tops` the depths of their nearest surfaces. Each sample has its own: bodies refract what lies outside the part of
+    the picture that is drawn anew."""
 
     view: np.ndarray
     colors: np.ndarray
     depths: np.ndarray
+    scene: np.ndarray
+    scene_depths: np.ndarray
+    tops: np.ndarray
     seen: bytes = b""
+
+    @classmethod
+    def of_size(cls, size: tuple[int, int]) -> "Stage":
+        shape = size[1], size[0]
+        colors, scene = (np.zeros((*shape, 3), np.float32) for _ in range(2))
+        depths, scene_depths, tops = (np.zeros(shape, np.float32) for _ in range(3))
+        return cls(np.zeros((9, 3), np.float32), colors, depths, scene, scene_depths, tops)
 
 
 class Raster:
@@ -45,16 +57,12 @@ class Raster:
             raise RuntimeProblem(f"raster: needs 64-bit atomics, which {self._runtime.arch} lacks; use --arch cpu")
         self.size, self.samples = size, samples
         shape = size[1], size[0]
-        empty = np.zeros((9, 3), np.float32)
-        self._stages = [
-            Stage(empty, np.zeros((*shape, 3), np.float32), np.zeros(shape, np.float32)) for _ in SHIFTS[samples]
-        ]
+        self._stages = [Stage.of_size(size) for _ in SHIFTS[samples]]
         self._keys = np.full(shape, buffers.EMPTY, np.int64)  # of solids, then of strokes
         self._front, self._back = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
         self._thick = np.zeros(shape, np.int32)
-        self._scene, self._shaded = (np.zeros((*shape, 3), np.float32) for _ in range(2))
+        self._shaded = np.zeros((*shape, 3), np.float32)
         self._mean = np.zeros((*shape, 3) if samples > 1 else (1, 1, 3), np.float32)
-        self._depths, self._tops = (np.zeros(shape, np.float32) for _ in range(2))
         self._image = np.zeros((*shape, 3), np.uint8)
         self._columns: list[np.ndarray] = []
         self._drawing: Drawing | None = None
@@ -133,22 +141,23 @@ class Raster:
 
     def _draw_sample(self, number: int, bodies: Gels | None, lines: Strokes, region: np.ndarray) -> None:
         picture, count = self._stages[number], len(self._stages)
-        view, scene = picture.view, (self._scene, self._depths)
+        view, scene = picture.view, (picture.scene, picture.scene_depths, picture.tops)
         shadow = self._shadow.grid, self._shadow.light
-        stage.begin(view, self._studio, *shadow, picture.colors, picture.depths, region, *scene, self._tops)
+        stage.begin(view, self._studio, *shadow, picture.colors, picture.depths, region, *scene)
         if bodies is not None:
-            self._draw_bodies(view, bodies)
+            self._draw_bodies(picture, bodies)
         ends, radius = np.full((len(lines.pairs), 8), 0.0, np.float32), lines.radius.copy()
         radius[:, 1] *= self.size[1] / ROWS
         strokes.strokes(view, lines.x, lines.pairs, radius, ends, self._keys, region)
         fade = DEEP / bodies.size if bodies is not None else 0.0
         inked = self._keys, ends, lines.rgb, fade
-        seen = self._scene, picture.depths, self._tops
+        seen = picture.scene, picture.depths, picture.tops
         part = (-1.0 if number == 0 else 1.0) / count
         develop.compose(*inked, *seen, region, self._mean, part, self._image, int(number == count - 1))
 
-    def _draw_bodies(self, view: np.ndarray, bodies: Gels) -> None:
-        x, normal = bodies.x(), bodies.normal
+    def _draw_bodies(self, picture: Stage, bodies: Gels) -> None:
+        view, x, normal = picture.view, bodies.x(), bodies.normal
+        scene = picture.scene, picture.scene_depths
         screen = np.zeros_like(x)
         buffers.project(view, x, screen)
         away = [-np.nan_to_num(screen[points, 2]).mean() for points in bodies.points]
@@ -163,8 +172,8 @@ class Raster:
                 run = np.array([first, last, *box[0], *box[1]], np.int32)
                 buffers.layers(places, mesh[2], run, self._front, self._back, self._thick)
                 surface = *mesh, run, self._front, self._back, self._thick
-                gel.shade(view, self._studio, bodies.gel[k], *surface, self._scene, self._depths, self._shaded)
-                gel.settle(run, self._front, self._shaded, self._scene, self._depths, self._tops)
+                gel.shade(view, self._studio, bodies.gel[k], *surface, *scene, self._shaded)
+                gel.settle(run, self._front, self._shaded, *scene, picture.tops)
 
     def _box(self, view: np.ndarray, x: np.ndarray) -> np.ndarray:
         """(2, 2): first column and row, and those after the last, of the part of the picture that points x lie in."""
