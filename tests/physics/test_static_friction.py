@@ -169,9 +169,9 @@ def test_a_stack_of_five_stands():
     def top():
         return simulation.x.astype(float)[simulation.body.jello == 4].mean(0)
 
-    simulation.advance(10.0)
+    simulation.advance(8.0)
     before = top()
-    simulation.advance(5.0)
+    simulation.advance(3.0)
     assert before[1] > 1.75
     assert np.linalg.norm(before[[0, 2]]) < 0.04
     assert np.linalg.norm(top() - before) < 2e-3

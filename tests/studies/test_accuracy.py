@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_jello import Box, Plane, Scene, SceneError, Simulation, Snapshot, Solver, Sphere, UniformField
+from taichi_jello import Box, Contact, Plane, Scene, SceneError, Simulation, Snapshot, Solver, Sphere, UniformField
 from taichi_jello.app.cli import main
 from taichi_jello.physics.integrators import schemes
 from taichi_jello.studies import accuracy
@@ -48,6 +48,7 @@ EVERYTHING = Scene(
     jello=[Box(points=(3, 3, 3), position=(0.0, 0.45, 0.0), velocity=(1.0, -1.0, 0.5), damping=0.4)],
     collider=[Plane(), Sphere(center=(0.4, 0.3, 0.0), radius=0.3, swing=(0.2, 0.0, 0.1), period=0.3)],
     drag=0.7,
+    contact=Contact(friction=0.0),
     force=[UniformField(force=(0.3, 0.1, -0.2))],
     solver=Solver(frame_dt=0.05),
 )

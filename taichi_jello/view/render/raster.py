@@ -26,7 +26,7 @@ BLACK = np.full((1, 3), 1e3, np.float32)  # what opaque bodies absorb [1/m]
 
 @dataclass
 class Stage:
-    """The picture without jellos, as seen by `view`: linear colours and depths [m]; `scene` is the same with jellos, and
+    """The picture without jellos, as seen by `view`: linear colours and depths [m]. `scene` is the same with jellos,
     `tops` the depths of their nearest surfaces. Each sample has its own: bodies refract what lies outside the part of
     the picture that is drawn anew."""
 
