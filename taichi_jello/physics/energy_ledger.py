@@ -69,7 +69,8 @@ class Ledger:
                     kinetic = 0.5 * force.added_mass(i) * v[i].dot(v[i])
                     self.add(i, column, ti.select(k == 0, kinetic, ti.select(k == n, -kinetic, 0.0)))
             for f in ti.static(range(len(self.plain))):
-                self.add(i, self.plain_start + f, weight * self.plain[f].on(i, x, v, t).dot(v[i]))
+                force = self.plain[f].on(i, x, v, t)
+                self.add(i, self.plain_start + f, weight * force.dot(v[i]))
             if ti.static(self.handles):
                 if system.particles.inverse_mass(i) == 0.0 and v[i].dot(v[i]) > 0.0:
                     against = ti.Vector([0.0, 0.0, 0.0])
