@@ -65,7 +65,7 @@ def test_the_rabbit_stands_on_its_feet(request):
     simulation = Simulation(replace(scene, jello=[jello], drag=2.0))
     start = simulation.body.skin_points(simulation.body.rest)
     height, ears = np.ptp(start[:, 1]), np.argsort(start[:, 1])[-50:]
-    simulation.advance(1.6)
+    simulation.advance(3.0)
     points = simulation.body.skin_points(simulation.x)
     assert simulation.energies()["kinetic"] < 1e-3
     assert abs(points[:, 1].min()) < 0.01 * height

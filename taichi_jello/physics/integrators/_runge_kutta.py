@@ -48,11 +48,26 @@ class RungeKutta(Integrator):
         system.accelerations(first, last, self.at.x, self.at.v, t + self.c[s] * dt, self.acceleration)
         for i in range(first, last):
             self.k[s, i] = self.acceleration[i]
-        for p in range(first // self.lanes, (last + self.lanes - 1) // self.lanes):
-            self.advance(p * self.lanes, ti.min((p + 1) * self.lanes, last), s, dt)
+        if ti.static(self.lanes == 1):
+            for i in range(first, last):
+                self.advance(i, s, dt)
+        else:
+            for p in range(first // self.lanes, (last + self.lanes - 1) // self.lanes):
+                self.advance_pass(p * self.lanes, ti.min((p + 1) * self.lanes, last), s, dt)
 
     @ti.func
-    def advance(self, first, last, s, dt):
+    def advance(self, i, s, dt):
+        """Move particle i to stage s + 1."""
+        before, dx, dv = self.state.v[i], ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
+        for j in range(s + 1):
+            weight, k = self.weights[(s + 1) * self.stages + j], self.k[j, i]
+            dx += weight[0] * k
+            dv += weight[1] * k
+        self.at.x[i] = self.state.x[i] + dt * (self.c[s + 1] * before + dt * dx)
+        self.at.v[i] = before + dt * dv
+
+    @ti.func
+    def advance_pass(self, first, last, s, dt):
         """Move the particles first … last - 1 of one pass to stage s + 1, in local arrays: LLVM does not vectorise
         stores to fields, which might alias."""
         for axis in ti.static(range(3)):
