@@ -191,7 +191,7 @@ def test_a_jello_thrown_at_twenty_metres_a_second_does_not_pass():
 def test_a_stack_at_rest_has_no_gaps():
     jello = [cube(0.0, 0.5, 0.0, stiffness=500.0), cube(0.1, 1.52, 0.05, rotation=(0, 20, 0), stiffness=500.0)]
     simulation = Simulation(Scene(jello=jello, collider=[Plane()], contact=Contact(damping=2.0)))
-    simulation.advance(4.0)
+    simulation.advance(6.0)
     assert simulation.energies()["kinetic"] < 1e-5
     low, high = (simulation.x[simulation.body.jello == j] for j in (0, 1))
     under, over = high.reshape(4, 4, 4, 3)[:, 0], low.reshape(4, 4, 4, 3)[:, -1]
