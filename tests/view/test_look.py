@@ -7,10 +7,10 @@ from still import Still, cube_scene
 from taichi_jello.scene.description import Camera, Scene
 from taichi_jello.shapes.ball import Ball
 from taichi_jello.shapes.lattice import Box
-from taichi_jello.view.render import buffers, develop, strokes
+from taichi_jello.view.render.pixels import buffers, develop, strokes
+from taichi_jello.view.render.pixels.studio import HORIZON, INDEX, NADIR, ZENITH
 from taichi_jello.view.render.raster import Raster
 from taichi_jello.view.render.renderers import drawing_of, finished
-from taichi_jello.view.render.studio import HORIZON, INDEX, NADIR, ZENITH
 
 SIZE = (320, 180)
 RADIUS = 0.5  # m

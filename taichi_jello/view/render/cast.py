@@ -10,8 +10,8 @@ from taichi_jello.view.drawing import palette
 from taichi_jello.view.drawing.drawing import Drawing
 from taichi_jello.view.drawing.skin import Skin
 from taichi_jello.view.drawing.surroundings import Surroundings
-from taichi_jello.view.render.gel import gel_of
-from taichi_jello.view.render.studio import studio_of
+from taichi_jello.view.render.pixels.gel import gel_of
+from taichi_jello.view.render.pixels.studio import studio_of
 
 SHEET = 0.10  # a sheet's thickness, of its median structural spring
 PRESSED = 0.4  # how far a sheet between its particles may lie behind what it covers, of the same

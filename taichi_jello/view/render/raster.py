@@ -15,10 +15,10 @@ from taichi_jello.view.camera import NEAR, Viewpoint
 from taichi_jello.view.drawing.drawing import Drawing
 from taichi_jello.view.drawing.primitives import ROWS
 from taichi_jello.view.drawing.shading import MIN_DEPTH
-from taichi_jello.view.render import buffers, develop, gel, stage, strokes
 from taichi_jello.view.render.cast import DEEP, Gels, Solids, Strokes, studio_for
-from taichi_jello.view.render.clipping import clipped
-from taichi_jello.view.render.soft_shadow import Shadow
+from taichi_jello.view.render.pixels import buffers, develop, gel, stage, strokes
+from taichi_jello.view.render.pixels.clipping import clipped
+from taichi_jello.view.render.pixels.soft_shadow import Shadow
 
 SHIFTS = {1: [(0.0, 0.0)], 2: [(0.25, 0.125), (-0.125, 0.25), (0.125, -0.25), (-0.25, -0.125)]}  # pixels
 BLACK = np.full((1, 3), 1e3, np.float32)  # what opaque bodies absorb [1/m]

@@ -10,7 +10,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.view.drawing.rows import Array2, Colors, Index1, Index2, Sums, put, row, vec3
-from taichi_jello.view.render.buffers import corners, doubled_area, span
+from taichi_jello.view.render.pixels.buffers import corners, doubled_area, span
 
 CELLS = 112  # along each side of the grid
 ACROSS = 44  # cells across the casters at rest

@@ -3,7 +3,7 @@
 import taichi as ti
 
 from taichi_jello.view.drawing.rows import Array2, Colors, Depths, Index2, Keys, row, vec3
-from taichi_jello.view.render.buffers import (
+from taichi_jello.view.render.pixels.buffers import (
     EMPTY,
     EXTRA,
     EYE,
@@ -14,8 +14,8 @@ from taichi_jello.view.render.buffers import (
     shares,
     smooth_normal,
 )
-from taichi_jello.view.render.soft_shadow import light_at
-from taichi_jello.view.render.studio import AMBIENT, SOLID, around, diffuse, floor_way, haze, lamps, schlick
+from taichi_jello.view.render.pixels.soft_shadow import light_at
+from taichi_jello.view.render.pixels.studio import AMBIENT, SOLID, around, diffuse, floor_way, haze, lamps, schlick
 
 
 @ti.kernel

@@ -11,7 +11,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.view.drawing.rows import Array2, Colors, Counts, Depths, Index1, Index2, Keys, row, vec3
-from taichi_jello.view.render.buffers import (
+from taichi_jello.view.render.pixels.buffers import (
     EYE,
     FAR,
     UNIT,
@@ -22,7 +22,7 @@ from taichi_jello.view.render.buffers import (
     shares,
     smooth_normal,
 )
-from taichi_jello.view.render.studio import (
+from taichi_jello.view.render.pixels.studio import (
     AMBIENT,
     INDEX,
     MIDDLE,

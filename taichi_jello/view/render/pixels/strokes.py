@@ -8,7 +8,7 @@ import taichi as ti
 
 from taichi_jello.view.camera import NEAR
 from taichi_jello.view.drawing.rows import Array2, Index2, Keys, row, vec3
-from taichi_jello.view.render.buffers import EMPTY, EXTRA, key_of, on_screen
+from taichi_jello.view.render.pixels.buffers import EMPTY, EXTRA, key_of, on_screen
 
 THINNEST = 0.5  # pixels of radius
 

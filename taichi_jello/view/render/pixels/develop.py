@@ -5,8 +5,8 @@ import taichi as ti
 from taichi.math import clamp, mix
 
 from taichi_jello.view.drawing.rows import Array2, Colors, Columns, Depths, Image, Index2, Keys, row, vec3
-from taichi_jello.view.render.buffers import FAR, depth_of, number_of
-from taichi_jello.view.render.strokes import across_stroke, coverage
+from taichi_jello.view.render.pixels.buffers import FAR, depth_of, number_of
+from taichi_jello.view.render.pixels.strokes import across_stroke, coverage
 
 KNEE = 0.72  # radiances up to here stay as they are
 TILE = (16, 64)  # columns and rows

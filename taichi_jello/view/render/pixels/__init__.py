@@ -1,0 +1,1 @@
+"""The kernels of the rasteriser: from triangles and strokes to shaded pixels."""
