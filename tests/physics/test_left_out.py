@@ -45,6 +45,7 @@ def without(taichi):
         ("creep", {"jello": [Box(points=(3, 3, 3), creep=1.0)]}),
         ("yield", {"jello": [Box(points=(3, 3, 3), yield_strain=1.0)]}),
         ("tearing", {"jello": [Box(points=(3, 3, 3), tear_strain=1.0)]}),
+        ("volume", {"jello": [Box(points=(3, 3, 3), volume=1.0)]}),
         ("pins", {"jello": [Box(points=(3, 3, 3), pin=[Pin(max=(0.0, 1.0, 1.0))])]}),
     ],
 )
@@ -52,7 +53,7 @@ def test_a_feature_is_listed_where_it_is_used_and_only_there(feature, scene, wit
     with_it = facts(Simulation(Scene(**{"jello": [CUBE]} | scene)))
     assert feature in with_it["compiled_in"] and feature in without["left_out"]
     assert feature not in with_it["left_out"] and feature not in without["compiled_in"]
-    if feature in ("contact", "sweep", "pins"):
+    if feature in ("contact", "sweep", "pins", "volume"):
         assert feature in with_it["fields"] and feature not in without["fields"]
         assert with_it["bytes"] > without["bytes"]
 
@@ -112,7 +113,8 @@ def test_only_what_a_scene_needs_is_compiled(method, monkeypatch, best_precision
     assert "hooke.hooke" in code["undamped"]
     assert code["plain"] - code["undamped"] == {"hooke.dashpot"}
     assert code["no friction"] - code["plain"] >= {"collider_penalty.pressure", "plane.signed_distance"}
-    assert code["plane"] - code["no friction"] == {"collider_penalty.rub", "collider_penalty.friction_slope"}
+    friction = {f"friction.{name}" for name in ("friction_force", "cone", "stretch", "follow", "let_go")}
+    assert code["plane"] - code["no friction"] == friction | {"collider_penalty.hold", "collider_penalty.end_step"}
     swept = {"sphere.core_entry", "continuous_collision.stop", "continuous_collision.first_entry"}
     assert code["sphere too"] - code["plane"] == {"sphere.signed_distance"} | swept
     assert not any(name.startswith(("gravity.", "drag.", "field.")) for names in code.values() for name in names)

@@ -33,7 +33,7 @@ def radiance(simulation, absorption, glow):
     for gel in renderer._gels.gel:
         gel[0], gel[1] = absorption, glow
     finished(renderer, drawing, simulation, legend=False)
-    return renderer._scene.copy()
+    return renderer._stages[0].scene.copy()
 
 
 def test_light_through_the_middle_of_a_ball_is_absorbed_by_its_way(ball):
