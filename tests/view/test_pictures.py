@@ -137,14 +137,15 @@ def test_raster_repeats_itself_to_the_bit(samples, cube):
     assert all(np.array_equal(first, shot("raster", cube, samples=samples)) for _ in range(3))
 
 
-def test_what_is_kept_from_picture_to_picture_is_never_old():
+@pytest.mark.parametrize("samples", [1, 2])
+def test_what_is_kept_from_picture_to_picture_is_never_old(samples):
     """Several pictures of rest, after which the eye, the jello or a collider moves: each as one drawn afresh."""
     moving = Sphere(center=(0.9, 0.4, 0.3), radius=0.4, velocity=(0.0, 3.0, 0.0))
     scene = cube_scene(0.9)
     simulation = Still(replace(scene, collider=(*scene.collider, moving)))
     drawing = drawing_of(simulation)
     start = drawing.viewpoint.eye.copy()
-    with opened("raster") as renderer, opened("raster") as fresh:
+    with opened("raster", samples) as renderer, opened("raster", samples) as fresh:
         for time, right, up in ((0.0, 0.0, 0.0),) * 3 + ((0.0, 0.5, 0.0),) * 3 + ((0.1, 0.5, 0.0), (0.1, 0.5, 0.2)):
             simulation.time, drawing.viewpoint.eye[:] = time, start + [right, 0.0, 0.0]
             simulation.put(simulation.body.x + [0.0, up, 0.0])
