@@ -10,7 +10,7 @@ from test_functions import call
 from touching_pairs import placed, touch
 
 from taichi_jello import Box, Contact, Rope, Scene, Sheet, Simulation, Snapshot
-from taichi_jello.physics.forces.soft_contact.contacts import MAX_CONTACTS_PER_POINT, ROPE_PAIR_SHARE
+from taichi_jello.physics.forces.soft_contact.contacts import ROPE_PAIR_SHARE
 from taichi_jello.physics.forces.soft_contact.search import neighbour_list
 from taichi_jello.physics.forces.soft_contact.search.closest_point import closest
 from taichi_jello.physics.forces.soft_contact.surface.shapes import THICKNESS
@@ -115,7 +115,7 @@ def test_however_many_contacts_press_on_a_point_each_has_its_weight():
     assert count.sum() >= 50 and own.max() >= 50
     sums = [weight_in[a : a + n].sum() for a, n in zip(start, own, strict=True)]
     assert np.sum(sums) == pytest.approx(0.0, abs=1e-4)  # what a point has its triangle has the other way
-    assert own.sum() == count.sum() + np.count_nonzero(weights[::MAX_CONTACTS_PER_POINT])
+    assert own.sum() == count.sum() + np.count_nonzero(weights[:: contacts.per_point])
 
 
 @pytest.mark.parametrize("contact", [{}, {"touch": False}], ids=["with each other", "with themselves"])
@@ -240,6 +240,6 @@ def test_in_a_plane_that_leans_rounding_does_not_choose_the_side():
         placed(simulation, (plane, plane @ rotation((0.0, 75.0, 0.0))), plane @ [0.11, 0.0, 0.07])
         simulation.energies()
         contacts = touch(simulation).contacts
-        up = contacts.normal.to_numpy()[::MAX_CONTACTS_PER_POINT] @ plane[:, 1]
+        up = contacts.normal.to_numpy()[:: contacts.per_point] @ plane[:, 1]
         where = (contacts.count.to_numpy() > 0) & (np.abs(up) > 0.9)
         assert where[:9].any() and where[9:].any() and len(set(np.sign(up * np.repeat([1.0, -1.0], 9))[where])) == 1

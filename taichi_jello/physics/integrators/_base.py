@@ -74,6 +74,11 @@ class Integrator:
         """How often a step of an explicit scheme evaluates all springs."""
         return self.stages
 
+    @property
+    def passes_so_far(self) -> int:
+        """How often the steps of an implicit scheme have evaluated all springs since it was made."""
+        return int(self.solver.passes)
+
     @classmethod
     def evaluations(cls, damped: bool) -> int:
         """How often a step of an explicit scheme evaluates all forces; damped: some force reads velocities."""

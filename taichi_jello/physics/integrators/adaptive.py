@@ -25,6 +25,11 @@ class Adaptive(SDIRK2):
         self.explicit = RK4(self.memory, self.state, self.damped, self.body)
         self.push = self.memory.vectors(self.name, "push")
         self.past: dict[str, np.ndarray] = {}  # see AdaptiveStepper
+        self.explicit_passes = 0  # of RK4's steps through all springs
+
+    @property
+    def passes_so_far(self) -> int:
+        return super().passes_so_far + self.explicit_passes
 
     @ti.kernel
     def set_push(self, push: ti.types.ndarray()):

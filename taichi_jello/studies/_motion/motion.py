@@ -128,7 +128,7 @@ def passes_so_far(simulation: Simulation) -> int:
         return int(simulation.passes)
     integrator, clock = simulation.system.integrator, simulation.clock
     if integrator.solves:
-        return int(integrator.solver.passes)
+        return integrator.passes_so_far
     return int(integrator.passes * (clock.frames * clock.substeps + clock.done))
 
 

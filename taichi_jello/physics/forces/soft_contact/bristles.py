@@ -9,7 +9,6 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces.collider_contact.friction import TINY, memory_of, recall
-from taichi_jello.physics.forces.soft_contact.contacts import MAX_CONTACTS_PER_POINT
 from taichi_jello.physics.state import Memory
 
 NOBODY = -1
@@ -20,8 +19,8 @@ class Bristles:
     """Of a contact in this step: `offset`, its `along` (see Touch) as the step began, less the stretch [m] it had then.
     Kept from step to step, in the places of a point's contacts: the jello touched and the stretch."""
 
-    def __init__(self, title: str, memory: Memory, contacts: int):
-        self.title = title
+    def __init__(self, title: str, memory: Memory, contacts: int, per_point: int):
+        self.title, self.per_point = title, per_point
         self.offset = memory.zeros(title, "offsets of contacts", (contacts, 3))
         self.jello = memory.table(title, "jellos that contacts stick to", np.full(contacts, NOBODY, np.int32))
         self.kept = memory.zeros(title, "stretches kept", (contacts, 3))
@@ -30,8 +29,8 @@ class Bristles:
     def begin(self, contact, other, n, along):
         """A contact with jello `other` and the normal n is where it is as the step begins."""
         stretch = ti.Vector([0.0, 0.0, 0.0])
-        first = contact // MAX_CONTACTS_PER_POINT * MAX_CONTACTS_PER_POINT
-        for k in range(first, first + MAX_CONTACTS_PER_POINT):
+        first = contact // self.per_point * self.per_point
+        for k in range(first, first + self.per_point):
             if self.jello[k] == other:
                 stretch = self.kept[k]
         self.offset[contact] = along - (stretch - stretch.dot(n) * n)

@@ -6,14 +6,14 @@ from taichi_jello.physics.forces.contact_law import ContactLaw
 from taichi_jello.physics.forces.soft_contact.surface.surface_fields import SurfaceFields
 from taichi_jello.physics.state import Memory
 
-MAX_CONTACTS_PER_POINT = 2  # each with another jello
+MAX_CONTACTS_PER_POINT = 4  # each with another jello: as many as meet at a corner of a stack
 FULL_CONTACTS = 2.0  # contacts that press on one point with full stiffness: its own and one that it is a corner of
 ROPE_PAIR_SHARE = 0.5  # of a whole contact of two ropes: where these cross they touch from two points of each
 
 
 @ti.data_oriented
 class Contacts:
-    """Point q has count[q] contacts from MAX_CONTACTS_PER_POINT q on, each with the place Σ weight · corner on the
+    """Point q has count[q] contacts from per_point · q on, each with the place Σ weight · corner on the
     surface of another jello: along `normal` the two are to be `separation` [m] apart. Of two ropes it may be a place
     between the point and the next one on its rope that touches: the third corner is that next one, with a weight less
     than 0, and the point's own weight is the sum of all three. share: the part of the full stiffness that a contact
@@ -26,7 +26,9 @@ class Contacts:
 
     def __init__(self, title: str, memory: Memory, surface: SurfaceFields, law: ContactLaw):
         self.surface, self.law = surface, law
-        points, count = surface.count, MAX_CONTACTS_PER_POINT * surface.count
+        others = (surface.jellos - 1 if surface.others else 0) + surface.with_self
+        self.per_point = min(others, MAX_CONTACTS_PER_POINT)
+        points, count = surface.count, self.per_point * surface.count
         self.ahead = memory.zeros(title, "x looked at", (memory.particles, 3))
         self.place = memory.zeros(title, "places", (points, 3))
         self.corners = memory.zeros(title, "touched corners", (count, 3), whole=True)
@@ -58,7 +60,7 @@ class Contacts:
     @ti.func
     def jellos(self, contact):
         """The jello of a contact's point and the one that it touches."""
-        q, corner = contact // MAX_CONTACTS_PER_POINT, self.corners[contact][0]
+        q, corner = contact // self.per_point, self.corners[contact][0]
         return self.surface.jello_of(q), self.surface.jello_of(corner)
 
     @ti.func
@@ -70,7 +72,7 @@ class Contacts:
     @ti.func
     def scale(self, contact):
         """The part of the contact law's coefficients that a contact has."""
-        return self.surface.part(contact // MAX_CONTACTS_PER_POINT) * self.share[contact]
+        return self.surface.part(contact // self.per_point) * self.share[contact]
 
     @ti.func
     def write(self, contact, corners, weights, normal):
@@ -86,7 +88,7 @@ class Contacts:
 
     @ti.func
     def between(self, contact, x):
-        return self.difference(contact // MAX_CONTACTS_PER_POINT, self.corners[contact], self.weights[contact], x)
+        return self.difference(contact // self.per_point, self.corners[contact], self.weights[contact], x)
 
     @ti.func
     def depth(self, contact, x):
@@ -100,7 +102,7 @@ class Contacts:
     def lever_when_found(self, contact):
         """How deep [m] the point lies below the touched place where the contact was found."""
         weights = self.weights[contact]
-        apart = self.own_weight(weights) * self.place[contact // MAX_CONTACTS_PER_POINT]
+        apart = self.own_weight(weights) * self.place[contact // self.per_point]
         for k in ti.static(range(3)):
             apart -= weights[k] * self.place[self.corners[contact][k]]
         return -apart.dot(self.normal[contact])
@@ -125,7 +127,7 @@ class Contacts:
     @ti.func
     def _enter(self, q, from_, to, listing: ti.template()):
         """Count the contacts of point q for each of the points from_ … to - 1 that they press on, or list them."""
-        for contact in range(q * MAX_CONTACTS_PER_POINT, q * MAX_CONTACTS_PER_POINT + self.count[q]):
+        for contact in range(q * self.per_point, q * self.per_point + self.count[q]):
             weights = self.weights[contact]
             self._enter_one(contact, q, self.own_weight(weights), from_, to, listing)
             for k in ti.static(range(3)):
@@ -155,13 +157,13 @@ class Contacts:
             contact = self.pressing[k]
             own, other = self.jellos(contact)
             whole = ti.select(self.surface.are_ropes(own, other), ROPE_PAIR_SHARE, 1.0)
-            load += ti.abs(self.weight_in[k]) * self.surface.part(contact // MAX_CONTACTS_PER_POINT) * whole
+            load += ti.abs(self.weight_in[k]) * self.surface.part(contact // self.per_point) * whole
         self.load[q] = load / self.surface.part(q)
 
     @ti.func
     def share_loads(self, q):
         """Weaken the contacts of point q where more press on one of their points than may with full stiffness."""
-        for contact in range(q * MAX_CONTACTS_PER_POINT, q * MAX_CONTACTS_PER_POINT + self.count[q]):
+        for contact in range(q * self.per_point, q * self.per_point + self.count[q]):
             most = ti.max(self.load[q], FULL_CONTACTS)
             for k in ti.static(range(3)):
                 if self.weights[contact][k] != 0.0:

@@ -20,7 +20,7 @@ from taichi_jello.physics.forces.collider_contact.friction import cone, friction
 from taichi_jello.physics.forces.collider_contact.skin_penalty import steepest
 from taichi_jello.physics.forces.contact_law import ContactLaw
 from taichi_jello.physics.forces.soft_contact.bristles import Bristles
-from taichi_jello.physics.forces.soft_contact.contacts import FULL_CONTACTS, MAX_CONTACTS_PER_POINT
+from taichi_jello.physics.forces.soft_contact.contacts import FULL_CONTACTS
 from taichi_jello.physics.forces.soft_contact.fast.approach_speed import Approach
 from taichi_jello.physics.forces.soft_contact.narrow_phase import ROUNDS, NarrowPhase
 from taichi_jello.physics.forces.soft_contact.search.neighbour_list import BUSY, STALE, NeighbourList
@@ -65,12 +65,12 @@ class Touch(MutualForce):
             memory.table(self.title, f"points of each particle: {name}", values)
             for name, values in zip(names, touching.points_of_particles(len(body)), strict=True)
         )
-        count = MAX_CONTACTS_PER_POINT * self.points
+        count = self.contacts.per_point * self.points
         self.force = memory.zeros(self.title, "forces", (count, 3))
         if self.rubs:
             self.tilt = memory.zeros(self.title, "normal forces of corners", (count, 3))
             self.sticking = memory.zeros(self.title, "parts of friction that hold", (count,))
-            self.bristles = Bristles(self.title, memory, count)
+            self.bristles = Bristles(self.title, memory, count, self.contacts.per_point)
         self.damping = memory.zeros(self.title, "dashpots", (count,))
         self.masses = memory.table(self.title, "lightest particle and mass", self._masses(body))
         self.rate = memory.table(self.title, "rates of dashpots in cores", np.zeros(2))
@@ -164,7 +164,7 @@ class Touch(MutualForce):
         if ti.static(self.rubs and r == ROUNDS - 1):
             some = self.near.state[BUSY]
             for k in range(system.share_of(first, some), system.share_of(last, some)):
-                start = self.near.busy[k] * MAX_CONTACTS_PER_POINT
+                start = self.near.busy[k] * self.contacts.per_point
                 for contact in range(start, start + self.contacts.count[self.near.busy[k]]):
                     _own, other = self.contacts.jellos(contact)
                     n = self.contacts.normal[contact]
@@ -174,8 +174,8 @@ class Touch(MutualForce):
     def end_step(self, system, first, last, x, t):
         system.wait_for_team()  # until x of all particles is there
         for q in range(system.share_of(first, self.points), system.share_of(last, self.points)):
-            start = q * MAX_CONTACTS_PER_POINT
-            for contact in range(start, start + MAX_CONTACTS_PER_POINT):
+            start = q * self.contacts.per_point
+            for contact in range(start, start + self.contacts.per_point):
                 depth = ti.cast(0.0, float)
                 if contact < start + self.contacts.count[q]:
                     depth = self.contacts.depth(contact, x)
@@ -190,7 +190,7 @@ class Touch(MutualForce):
     def prepare(self, first, last, x, v, t):
         some = self.near.state[BUSY]
         for k in range(cut(self.points, first, some), cut(self.points, last, some)):
-            start = self.near.busy[k] * MAX_CONTACTS_PER_POINT
+            start = self.near.busy[k] * self.contacts.per_point
             for contact in range(start, start + self.contacts.count[self.near.busy[k]]):
                 self._press(contact, x, v)
 
@@ -308,7 +308,7 @@ class Touch(MutualForce):
         """The particle's part of ½ k depth² in the contacts of its points."""
         total = ti.cast(0.0, float)
         for k in range(self.first[i], self.first[i + 1]):
-            start, stored = self.around[k] * MAX_CONTACTS_PER_POINT, ti.cast(0.0, float)
+            start, stored = self.around[k] * self.contacts.per_point, ti.cast(0.0, float)
             for contact in range(start, start + self.contacts.count[self.around[k]]):
                 depth = ti.max(0.0, self.contacts.depth(contact, x))
                 stored += 0.5 * self.contacts.scale(contact) * self.contacts.law_of(contact)[0] * depth * depth
@@ -320,7 +320,7 @@ class Touch(MutualForce):
         """The particle's part of the power of dashpots and friction in the contacts of its points."""
         total = ti.Vector([0.0, 0.0])
         for k in range(self.first[i], self.first[i + 1]):
-            start = self.around[k] * MAX_CONTACTS_PER_POINT
+            start = self.around[k] * self.contacts.per_point
             for contact in range(start, start + self.contacts.count[self.around[k]]):
                 depth = self.contacts.depth(contact, x)
                 if depth > 0.0:

@@ -10,7 +10,7 @@ one to that of the other, this way decides.
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.forces.soft_contact.contacts import MAX_CONTACTS_PER_POINT, Contacts
+from taichi_jello.physics.forces.soft_contact.contacts import Contacts
 from taichi_jello.physics.forces.soft_contact.fast.inelastic_brake import Brake
 from taichi_jello.physics.forces.soft_contact.search.box_tree import WIDE
 from taichi_jello.physics.forces.soft_contact.search.boxes import TINY, put_box, which_meet
@@ -87,7 +87,7 @@ class SolidContacts:
     @ti.func
     def _holds(self, q, e):
         """Whether point q is in cell e and may touch it."""
-        may = self.contacts.count[q] < MAX_CONTACTS_PER_POINT and self.surface.may_meet(q, e)
+        may = self.contacts.count[q] < self.contacts.per_point and self.surface.may_meet(q, e)
         if ti.static(self.tears):
             may = may and self.intact[e] == 1
         if may:
@@ -105,7 +105,7 @@ class SolidContacts:
             out = weights[0] * a + weights[1] * b + weights[2] * c - self.contacts.own_weight(weights) * self.place[q]
             if depth < COINCIDENT:
                 out = (b - a).cross(c - a)
-            n, contact = out / ti.max(out.norm(), 1e-30), q * MAX_CONTACTS_PER_POINT + self.contacts.count[q]
+            n, contact = out / ti.max(out.norm(), 1e-30), q * self.contacts.per_point + self.contacts.count[q]
             self.contacts.write(contact, corners, weights, n)
             self.contacts.share[contact], self.contacts.core[contact] = share, core
             if ti.static(self.surface.has_thin):

@@ -7,7 +7,7 @@ where their points are far apart.
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.forces.soft_contact.contacts import MAX_CONTACTS_PER_POINT, ROPE_PAIR_SHARE, Contacts
+from taichi_jello.physics.forces.soft_contact.contacts import ROPE_PAIR_SHARE, Contacts
 from taichi_jello.physics.forces.soft_contact.fast.inelastic_brake import Brake
 from taichi_jello.physics.forces.soft_contact.search.closest_point import closest, nearer
 from taichi_jello.physics.forces.soft_contact.search.neighbour_list import NeighbourList
@@ -63,7 +63,7 @@ class ThinContacts:
                 e = self.near.tree_order[self.near.tree_first[self.near.leaf(q, k)]]
                 other = self.surface.owner[e]
             if other != jello:
-                if best < FAR and self.contacts.count[q] < MAX_CONTACTS_PER_POINT:
+                if best < FAR and self.contacts.count[q] < self.contacts.per_point:
                     self._add(q, corners, weights, best, v, ahead)
                 jello, best = other, FAR
             if k < end and e >= self.surface.solid and self._may_touch(q, e):
@@ -117,7 +117,7 @@ class ThinContacts:
         separation, ropes = self.surface.radius[own] + self.surface.radius[other], self.surface.are_ropes(own, other)
         n = self._normal(q, corners, weights, distance, ti.select(ropes, COPLANAR * separation, COINCIDENT))
         outwards = self.contacts.difference(q, corners, weights, v).dot(n)
-        contact, core = q * MAX_CONTACTS_PER_POINT + self.contacts.count[q], 2.0 * CORE * separation
+        contact, core = q * self.contacts.per_point + self.contacts.count[q], 2.0 * CORE * separation
         self.contacts.core[contact], self.contacts.share[contact] = core, ti.select(ropes, ROPE_PAIR_SHARE, 1.0)
         self.contacts.separation[contact] = separation
         if ti.static(self.brakes):
