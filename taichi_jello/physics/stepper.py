@@ -30,20 +30,21 @@ class Stepper:
     def take(self, first: int, last: int, dt: float) -> None:
         """Substeps `first` to `last` of the current frame, dt [s] each."""
         self.system.get_ready(self.integrator, dt)
-        origin = first
+        origin, opens = first, True
         while first < last:
             self.system.refresh(first * dt, dt)
             if self.team:
-                first = self._team_portions(origin, first, last, dt)
+                first = self._team_portions(origin, first, last, dt, opens)
             else:
-                self._parallel_steps(origin, first, last, dt)
+                self._parallel_steps(origin, first, last, dt, opens)
                 first = self._reached() if self.mutual else last
+            opens = False  # the ledger has the beginning, even if no step could be taken
             if first < last:
                 self.system.forget()
 
-    def _team_portions(self, origin: int, first: int, last: int, dt: float) -> int:
+    def _team_portions(self, origin: int, first: int, last: int, dt: float, opens: bool) -> int:
         """Substeps `first` to `last` of those that began with `origin`, in portions whose times decide the team's size.
-        Returns the first that is not done."""
+        opens: whether the ledger books their beginning. Returns the first that is not done."""
         size, solver, at = self.system.size, self.integrator.solver if self.integrator.solves else None, first
         while at < last:
             end, passes = last, 0
@@ -53,7 +54,8 @@ class Stepper:
                 passes = solver.passes if solver else 0  # evaluations of all springs until now
             start = time.perf_counter()
             with runtime.compiling_in_half_the_time() if solver else contextlib.nullcontext():
-                self._team_steps(origin, at, end, last, int(at == first), self.system.members, dt)
+                begins = at == first
+                self._team_steps(origin, at, end, last, int(begins), int(begins and opens), self.system.members, dt)
             reached = self._reached() if self.mutual else end
             seconds = time.perf_counter() - start
             if size and self.compiled:
@@ -92,7 +94,9 @@ class Stepper:
                 self.reached[0] = step + 1
 
     @ti.kernel
-    def _team_steps(self, origin: int, start: int, end: int, stop: int, begins: int, members: int, dt: float):
+    def _team_steps(
+        self, origin: int, start: int, end: int, stop: int, begins: int, opens: int, members: int, dt: float
+    ):
         if ti.static(len(self.mutual) > 0):
             self.reached[0] = start
         self.system.gather(members)
@@ -103,7 +107,7 @@ class Stepper:
         for member in range(members if ti.static(self.team > 1) else 1):
             first, last = self.system.part_of(member)
             if ti.static(self.books):
-                if start == origin:
+                if opens:
                     self.ledger.book(self.system, first, last, 0, stop - origin, origin, dt)
             if ti.static(self.integrator.has_begin):
                 if begins:
@@ -155,10 +159,10 @@ class Stepper:
     def _reached(self) -> int:
         return self.reached[0]
 
-    def _parallel_steps(self, origin: int, first: int, last: int, dt: float) -> None:
+    def _parallel_steps(self, origin: int, first: int, last: int, dt: float, opens: bool) -> None:
         """`one_step` as kernels for a GPU. Their loops do nothing if the step has to wait."""
         solves, stages = self.integrator.solves, self.integrator.stages
-        if self.books and first == origin:
+        if self.books and opens:
             self._parallel_book(origin, last, dt)
         if self.integrator.has_begin:
             self._parallel_begin(first * dt)
