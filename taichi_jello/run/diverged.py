@@ -29,7 +29,7 @@ class Diverged(RuntimeError):
             "the numbers went bad at {time:.6g} s: particle {particle} of jello {jello} first, "
             "dt = {dt:.3g} s, safe dt = {safe_dt:.3g} s".format(**self.record)
         )
-        return f"{text}; {self.culprit.told}" if self.culprit else text
+        return f"{text}; {self.culprit.words}" if self.culprit else text
 
 
 def diverged(simulation: "Simulation", particle: int, part: int) -> Diverged:

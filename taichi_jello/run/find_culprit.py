@@ -21,7 +21,7 @@ MAX_STATE = 1e12  # m or m/s: beyond it a force that is not finite is a conseque
 @dataclass(frozen=True)
 class Culprit:
     """What grew: a "spring", a "contact" or a "force", with its force's title; the particles it acted on, their jello,
-    its magnitude [N] in the last good state and after it had grown, and `told`, all of it in words."""
+    its magnitude [N] in the last good state and after it had grown, and `words`, all of it in a sentence."""
 
     what: str
     force: str
@@ -29,7 +29,7 @@ class Culprit:
     jello: int
     before: float
     newtons: float
-    told: str
+    words: str
 
 
 @dataclass(frozen=True)

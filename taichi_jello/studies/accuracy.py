@@ -162,7 +162,7 @@ def case_page(case: Figures) -> list[str]:
         f"reference: {case['reference']}; they differ by {case['disagreement']:.1e} of the edge",
         f"a push of 1e-9 grows {case['growth']:.3g}-fold{chaos}",
         table(heads, cells),
-        *case["told"],
+        *case["conclusions"],
         case["sentence"],
     ]
 

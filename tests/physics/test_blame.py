@@ -21,7 +21,7 @@ def failure(simulation):
     found = caught.value.culprit
     now = simulation.snapshot()
     assert np.array_equal(now.x, good.x) and np.array_equal(now.v, good.v) and now.clock == good.clock
-    assert found.told in str(caught.value)
+    assert found.words in str(caught.value)
     return found
 
 
@@ -33,7 +33,7 @@ def test_a_step_too_long_names_a_spring():
     simulation = Simulation(scene, method="symplectic-euler", dt=1.0 / 60.0)
     found = failure(simulation)
     assert found.what == "spring" and found.particles == (2, 3) and found.jello == 1
-    assert found.newtons > 1e6 and "k = 1e+03 N/m" in found.told
+    assert found.newtons > 1e6 and "k = 1e+03 N/m" in found.words
 
 
 def test_a_contact_too_stiff_is_named():
@@ -41,7 +41,7 @@ def test_a_contact_too_stiff_is_named():
     room = Room(min=(-1.0, 0.0, -1.0), max=(1.0, 0.5, 1.0))
     scene = Scene(jello=[box], collider=[room], contact=Contact(stiffness=1e6, damping=0.0, friction=0.0))
     found = failure(Simulation(scene, method="symplectic-euler", dt=2e-3))
-    assert found.what == "contact" and "contact on particle" in found.told and found.newtons > 100.0
+    assert found.what == "contact" and "contact on particle" in found.words and found.newtons > 100.0
 
 
 @pytest.mark.parametrize("others", [[], [Box(points=(2, 2, 2), position=(5.0, 0.0, 0.0))]])
@@ -53,4 +53,4 @@ def test_a_force_that_is_no_number_is_named(others):
 
     scene = Scene(jello=[Box(points=(2, 2, 2)), *others], force=[CallableField(function=broken)])
     found = failure(Simulation(scene, method="symplectic-euler", dt=1e-3))
-    assert found.what == "force" and "the callable field on particle 0 of jello 0 is no number" in found.told
+    assert found.what == "force" and "the callable field on particle 0 of jello 0 is no number" in found.words

@@ -214,7 +214,7 @@ def test_a_chaotic_scene_is_said_to_be_one():
     case = cases.Case("folded", "a folded cube", scene, 0.1, lambda x: twisted(x, 180.0, 0.0))
     exact = solution.reference_solution(case)
     assert exact.chaotic and exact.growth > 1e4
-    lines = accuracy.case_page({"points": [], "sentence": "", "told": []} | accuracy.description(case, exact))
+    lines = accuracy.case_page({"points": [], "sentence": "", "conclusions": []} | accuracy.description(case, exact))
     assert any("too chaotic for errors point by point" in line for line in lines)
 
 

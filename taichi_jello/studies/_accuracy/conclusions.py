@@ -20,7 +20,7 @@ def conclude(case: Figures) -> Figures:
     """The conclusions, to be added to a case."""
     found: Figures = {"orders": orders(case), "float32_floor": float32_floor(case)}
     found["fastest"] = [best for best in (fastest(case, error) for error in ERRORS) if best]
-    return found | {"told": conclusion_lines(found), "sentence": recommendation(case)}
+    return found | {"conclusions": conclusion_lines(found), "sentence": recommendation(case)}
 
 
 def measured_error(case: Figures, point: Figures) -> float:

@@ -73,7 +73,7 @@ def mark_grab(sheet: Sheet, held: Held, viewpoint: Viewpoint) -> None:
 def mark_culprit(sheet: Sheet, culprit: Culprit, x: np.ndarray, viewpoint: Viewpoint) -> None:
     """Mark what diverged, with the particles at x (N, 3) [m]: a spring as a thick line, a particle by a ring."""
     s = sheet.scale
-    sheet.text(culprit.told, MARGIN * s, 82.0 * s, SMALL * s, palette.ALARM)
+    sheet.text(culprit.words, MARGIN * s, 82.0 * s, SMALL * s, palette.ALARM)
     ends = viewpoint.project(x[list(culprit.particles)].astype(float), sheet.size)
     if np.isfinite(ends).all():
         lines = [end + 9.0 * s * CIRCLE for end in ends] + ([ends] if len(ends) > 1 else [])
