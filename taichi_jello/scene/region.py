@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from taichi_jello.scene.body import Body
+from taichi_jello.scene.colors import Color, optional
 from taichi_jello.scene.keyframes import Move
 from taichi_jello.scene.validation import FAMILIES, LARGEST, Checked, SceneError, Vector, box, by_family, number, vector
 
@@ -71,7 +72,7 @@ class Region(Checked):
     stiffness [N/m] and damping [N·s/m] of these springs, or tables by family; unchanged if left out. stiffness_factor
     and damping_factor multiply the springs' own values: one number, an x by y by z array that is linear between its
     nodes, which span the box, or a function of the places (n, 3). mass_factor likewise multiplies the masses of the
-    points that lie there.
+    points that lie there. color: of the skin there.
     """
 
     min: Vector = (0.0, 0.0, 0.0)
@@ -83,10 +84,11 @@ class Region(Checked):
     stiffness_factor: Any = 1.0
     damping_factor: Any = 1.0
     mass_factor: Any = 1.0
+    color: Color | None = None
 
     def check(self) -> dict[str, Any]:
         corners = box(self.min, self.max)
-        checked: dict[str, Any] = {}
+        checked: dict[str, Any] = {"color": optional("color", self.color)}
         if self.radius is not None:
             checked["radius"] = number("radius", self.radius, above=0.0)
             checked["center"] = vector("center", (0.5, 0.5, 0.5) if self.center is None else self.center)
