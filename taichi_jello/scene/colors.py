@@ -57,6 +57,6 @@ def color(key: str, value: Any) -> Vector:
     return red, green, blue
 
 
-def optional(key: str, value: Any) -> Vector | None:
+def color_or_none(key: str, value: Any) -> Vector | None:
     """The same, or None."""
     return None if value is None else color(key, value)

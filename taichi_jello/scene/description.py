@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from taichi_jello.scene.body import Body
-from taichi_jello.scene.colors import Color, optional
+from taichi_jello.scene.colors import Color, color_or_none
 from taichi_jello.scene.keyframes import GravityKeyframe, Keyframe, Move, offset
 from taichi_jello.scene.look import COLORS as COLORS
 from taichi_jello.scene.look import SHOWS as SHOWS
@@ -83,7 +83,7 @@ class Collider(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "color", optional("color", self.color))
+        object.__setattr__(self, "color", color_or_none("color", self.color))
 
     @property
     def thickness(self) -> float:
@@ -199,7 +199,7 @@ class Jello(Checked):
         checked: dict[str, Any] = {
             "springs": tuple(word("springs", family, FAMILIES) for family in self.springs),
             "self_contact": truth("self_contact", self.self_contact),
-            "color": optional("color", self.color),
+            "color": color_or_none("color", self.color),
         }
         for name in ("mass", "young", "density"):
             if name not in absent:

@@ -120,12 +120,12 @@ def gravity(rows: Sequence[GravityKeyframe], time: float) -> np.ndarray:
     return _interpolated([row.time for row in rows], [row.gravity for row in rows], time)
 
 
-def smooth(rows: Sequence[Timed], name: str, otherwise: np.ndarray, time: float) -> np.ndarray:
+def smooth(rows: Sequence[Timed], name: str, otherwise: Any, time: float) -> np.ndarray:
     """The value `name` at `time` [s] of the rows that give it: cubic between them, at rest at the first and the last,
     and never beyond its neighbours (Fritsch and Butland 1984); `otherwise` if no row gives it."""
     given = [row for row in rows if getattr(row, name) is not None]
     if len(given) < 2:
-        return np.array(getattr(given[0], name), float) if given else otherwise
+        return np.array(getattr(given[0], name) if given else otherwise, float)
     times = np.array([row.time for row in given])
     values = np.array([getattr(row, name) for row in given], float)
     slope = (np.diff(values.T) / np.diff(times)).T

@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from taichi_jello.scene.colors import Color, color, optional
-from taichi_jello.scene.keyframes import CameraKeyframe, smooth
+from taichi_jello.scene.colors import Color, color, color_or_none
+from taichi_jello.scene.keyframes import CameraKeyframe
 from taichi_jello.scene.validation import (
     Checked,
     SceneError,
@@ -65,16 +63,6 @@ class Camera(Checked):
     def moves(self) -> bool:
         return bool(self.keyframe) or self.follow is not None or self.orbit != 0.0
 
-    def at(self, time: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Eye and target (3,) [m] and the field of view [degrees] at `time` [s]; nothing follows a jello yet."""
-        eye, target, fov = (
-            smooth(self.keyframe, name, np.array(getattr(self, name), float), time) for name in ("eye", "target", "fov")
-        )
-        turn = 2.0 * np.pi * (self.orbit * time % 1.0)
-        x, y, z = eye - target
-        arm = [x * np.cos(turn) + z * np.sin(turn), y, z * np.cos(turn) - x * np.sin(turn)]
-        return target + arm, target, float(fov)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Ground(Checked):
@@ -87,7 +75,7 @@ class Ground(Checked):
 
     def check(self) -> dict[str, Any]:
         return {
-            "color": optional("color", self.color),
+            "color": color_or_none("color", self.color),
             "pattern": word("pattern", self.pattern, PATTERNS),
             "show": truth("show", self.show),
         }

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from taichi_jello.scene.body import Body
-from taichi_jello.scene.colors import Color, optional
+from taichi_jello.scene.colors import Color, color_or_none
 from taichi_jello.scene.keyframes import Move
 from taichi_jello.scene.validation import FAMILIES, LARGEST, Checked, SceneError, Vector, box, by_family, number, vector
 
@@ -88,7 +88,7 @@ class Region(Checked):
 
     def check(self) -> dict[str, Any]:
         corners = box(self.min, self.max)
-        checked: dict[str, Any] = {"color": optional("color", self.color)}
+        checked: dict[str, Any] = {"color": color_or_none("color", self.color)}
         if self.radius is not None:
             checked["radius"] = number("radius", self.radius, above=0.0)
             checked["center"] = vector("center", (0.5, 0.5, 0.5) if self.center is None else self.center)
