@@ -36,5 +36,5 @@ def scene() -> Scene:
                 ],
             ),
         ],
-        camera=Camera(eye=(1.5, 1.3, 2.2), target=(0.0, 0.3, 0.0)),
+        camera=Camera(eye=(1.1, 0.95, 1.65), target=(0.0, 0.33, 0.0), show="skin"),
     )

@@ -110,6 +110,18 @@ class Region(Checked):
             return np.linalg.norm(where - self.center, axis=1) <= self.radius + 1e-9
         return in_box(where, self.min, self.max)
 
+    def share(self, where: np.ndarray, soft: float) -> np.ndarray:
+        """(n,) 0 to 1: how far inside the places (n, 3) are, a half on its boundary, over a width of `soft`."""
+        if self.radius is not None:
+            beyond = np.linalg.norm(where - self.center, axis=1) - self.radius
+        else:  # a side at the body's own side bounds nothing
+            low, high = (
+                np.where(np.array(self.min) > 0.0, self.min, -np.inf),
+                np.where(np.array(self.max) < 1.0, self.max, np.inf),
+            )
+            beyond = np.maximum(low - where, where - high).max(1)
+        return np.clip(0.5 - beyond / soft, 0.0, 1.0)
+
     def factor(self, name: str, where: np.ndarray) -> np.ndarray:
         """(n,) values of the factor `name` at the places (n, 3)."""
         value = getattr(self, name)

@@ -9,7 +9,7 @@ from taichi_jello.shapes.ball import Ball
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.view.drawing.palette import GAMMA
 from taichi_jello.view.render.pixels import buffers, develop, strokes
-from taichi_jello.view.render.pixels.studio import INDEX, NADIR
+from taichi_jello.view.render.pixels.studio import INDEX, NADIR, RISE
 from taichi_jello.view.render.raster import Raster
 from taichi_jello.view.render.renderers import drawing_of, finished
 
@@ -61,8 +61,9 @@ def test_the_rim_reflects_as_schlick_says(ball):
         bounce = d + 2.0 * facing * n
         base = ((INDEX - 1.0) / (INDEX + 1.0)) ** 2
         high = zenith if bounce[1] > 0.0 else NADIR * horizon
-        t = np.clip(abs(bounce[1]) / (0.75 if bounce[1] > 0.0 else 0.6), 0.0, 1.0)
-        sky = horizon + (high - horizon) * t * t * (3.0 - 2.0 * t)
+        t = np.clip(abs(bounce[1]) / 0.6, 0.0, 1.0)
+        share = 1.0 - np.exp(-RISE * bounce[1]) if bounce[1] > 0.0 else t * t * (3.0 - 2.0 * t)
+        sky = horizon + (high - horizon) * share
         expected.append((base + (1.0 - base) * (1.0 - facing) ** 5) * sky)
         found.append(picture[row, column])
     assert np.array(found) == pytest.approx(np.array(expected), rel=0.12, abs=2e-3)

@@ -19,11 +19,11 @@ def round_up(value: float) -> float:
 
 def expected(scene: Scene, body: Body) -> dict[str, float]:
     """The force [N] and strain of springs to expect, by the names in COLORS: the largest over all jellos, at least that
-    of MIN_STRAIN. A spring bears its part of the weight over a cross-section, or its part of the energy E of motion and
-    fall if S springs of stiffness k take it up alike: F²/2k = E/S."""
+    of MIN_STRAIN. A spring bears its part of the weight over a cross-section; in a solid also its part of the energy E
+    of motion and fall if S springs of stiffness k take it up alike: F²/2k = E/S. Sheets and ropes fold instead."""
     gravity = float(np.linalg.norm(scene.gravity))
     floor = max((level for each in scene.collider if (level := each.floor()) is not None), default=None)
-    solid = np.isin(body.jello, body.jello[body.cells])
+    solids, skinned = np.unique(body.jello[body.cells]), np.unique(body.jello[body.surface])
     found = {"force": 0.0, "strain": MIN_STRAIN}
     for number in np.unique(body.jello[body.springs[:, 0]]):
         own, springs = body.jello == number, body.jello[body.springs[:, 0]] == number
@@ -31,8 +31,8 @@ def expected(scene: Scene, body: Body) -> dict[str, float]:
         stiffness, length = float(np.median(body.stiffness[springs])), float(np.median(body.rest_length[springs]))
         weight = gravity * float(mass.sum())
         fall = 0.0 if floor is None else max(float(body.x[own, 1].min()) - floor, 0.0)
-        energy = weight * fall + 0.5 * float(mass @ np.square(body.v[own]).sum(1))
-        across = count ** (2.0 / 3.0) if solid[own].any() else count**0.5
+        energy = (weight * fall + 0.5 * float(mass @ np.square(body.v[own]).sum(1))) * (number in solids)
+        across = count ** (2.0 / 3.0) if number in solids else count**0.5 if number in skinned else 1.0
         force = max(weight / across, np.sqrt(2.0 * energy * stiffness / springs.sum()), MIN_STRAIN * stiffness * length)
         found["force"] = max(found["force"], float(force))
         found["strain"] = max(found["strain"], float(force) / max(stiffness * length, 1e-30))

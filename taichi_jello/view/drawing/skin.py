@@ -13,6 +13,8 @@ from taichi_jello.view.drawing.rows import Array1, Array2, Index1, Index2, face_
 from taichi_jello.view.drawing.shading import EYE, gel
 from taichi_jello.view.drawing.subdivide import subdivide
 
+SOFT = 0.06  # of a jello's size: how wide a region's colour fades out
+
 
 @ti.kernel
 def corner_normals(x: Array2, surface: Index2, flat: Array2, start: Index1, face: Index1, corner: Array2):
@@ -96,8 +98,9 @@ class Skin:
                 self.embedded.update(body.rest.astype(np.float32), points)
                 rest[self.count :] = points
         for number, part in regions:
-            own = np.flatnonzero(owner == number)
-            colors[own[part.holds(places(body.rest[body.jello == number], rest[own]))]] = part.color
+            own = owner == number
+            share = part.share(places(body.rest[body.jello == number], rest[own]), SOFT)[:, None]
+            colors[own] += share * (np.array(part.color) - colors[own])
         return colors.astype(np.float32), bool(regions)
 
     def place(self, x: np.ndarray, skin: np.ndarray) -> None:

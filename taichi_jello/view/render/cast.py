@@ -4,13 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from taichi_jello.physics.colliders.plane import six_faces
 from taichi_jello.physics.colliders.room import Room
 from taichi_jello.scene.body import FAMILY_NAMES, Body
 from taichi_jello.scene.description import Scene
 from taichi_jello.view.drawing import palette
 from taichi_jello.view.drawing.drawing import Drawing
 from taichi_jello.view.drawing.skin import Skin
-from taichi_jello.view.drawing.surroundings import Surroundings
+from taichi_jello.view.drawing.surroundings import Surface, Surroundings
 from taichi_jello.view.render.pixels.gel import gel_of
 from taichi_jello.view.render.pixels.soft_shadow import BEAM
 from taichi_jello.view.render.pixels.studio import DARKER, SIZE, studio_of
@@ -19,8 +20,9 @@ SHEET = 0.10  # a sheet's thickness, of its median structural spring
 PRESSED = 0.4  # how far a sheet between its particles may lie behind what it covers, of the same
 ROD, THICKEST = 0.03, 2.4  # a spring's radius, of the median structural spring, and in pixels at most, 720 rows high
 ROPE, ROPE_THICKEST = 0.13, 60.0  # the same of springs that are no part of a skin
+BAR = 0.0012  # half the width of a room's edge, of its diagonal
 DEEP = 11.0  # 1/size: how fast springs fade in a body
-OPAQUE = 1e3  # 1/m: what a rope absorbs
+OPAQUE, BROAD = 1e3, 2.5  # 1/m: what a rope absorbs; how wide its shadow is, of it: the blur would leave little else
 BEND = FAMILY_NAMES.index("bend")
 NO_FACES = np.zeros((0, 3), np.int32), np.zeros(0, np.int32)
 
@@ -42,7 +44,7 @@ def studio_for(drawing: Drawing) -> np.ndarray:
 
 @dataclass
 class Solids:
-    """Colliders but level floors: x (V, 3) [m], normal (V, 3), faces (T, 3), rgb (V, 3) linear."""
+    """Colliders but level floors, of rooms their edges: x (V, 3) [m], normal (V, 3), faces (T, 3), rgb (V, 3) linear."""
 
     x: np.ndarray
     normal: np.ndarray
@@ -54,7 +56,9 @@ class Solids:
         points, normals, colors, faces = ([np.zeros((0, 3))] for _ in range(4))
         start = 0
         for surface in [] if surroundings is None else surroundings.surfaces:
-            if isinstance(surface.collider, Room) or surface.collider.floor() is not None:
+            if isinstance(surface.collider, Room):
+                surface = frame(surface.collider)
+            elif surface.collider.floor() is not None:
                 continue
             points.append(surface.points + surface.collider.place(time))
             normals.append(surface.normal)
@@ -63,6 +67,22 @@ class Solids:
             start += len(surface.points)
         x, normal, rgb = (np.concatenate(rows).astype(np.float32) for rows in (points, normals, colors))
         return cls(x, normal, np.concatenate(faces).astype(np.int32), rgb)
+
+
+def frame(room: Room) -> Surface:
+    """The edges of a room as thin bars."""
+    size = np.array(room.max) - np.array(room.min)
+    half = BAR * float(np.linalg.norm(size))
+    points, normals, faces = [], [], []
+    for axis in range(3):
+        bar, triangles = six_faces(np.where(np.arange(3) == axis, 0.5 * size + half, half), 2.0 * size[axis])
+        flat = np.repeat(np.concatenate([np.eye(3)[[k, k]] * [[-1.0], [1.0]] for k in range(3)]), len(bar) // 6, 0)
+        for corner in np.ndindex(2, 2):
+            middle = size * np.insert(np.array(corner, float), axis, 0.5)
+            faces.append(triangles + sum(map(len, points)))
+            points.append(bar + middle)
+            normals.append(flat)
+    return Surface(room, np.concatenate(points), np.concatenate(normals), np.concatenate(faces), False)
 
 
 class Gels:
@@ -180,7 +200,7 @@ Casters = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 def casters_of(drawing: Drawing, gels: Gels | None, studio: np.ndarray) -> Casters | None:
     """Points (P, 3) [m], triangles (T, 3) over them, the kind (T,) of each and what each kind absorbs (kinds, 3) [1/m];
-    None if nothing casts a shadow. A rope casts that of a ribbon as wide as it is, broadside to the light."""
+    None if nothing casts a shadow. A rope casts that of a ribbon, broadside to the light."""
     if studio[SIZE, 2] == 0.0:
         return None
     body, count = drawing.body, 0 if gels is None else len(gels.absorption)
@@ -190,7 +210,7 @@ def casters_of(drawing: Drawing, gels: Gels | None, studio: np.ndarray) -> Caste
         tube = np.isin(body.jello[body.springs[:, 0]], names) & (body.family != BEND)
         a, b = (drawing.points[end] for end in body.springs[tube].T)
         across = np.cross(b - a, [BEAM[0], -1.0, BEAM[1]])
-        across *= ROPE * typical(body) / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+        across *= BROAD * ROPE * typical(body) / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
         ribbon = np.stack([a - across, a + across, b + across, b - across], 1).reshape(-1, 3)
         corners = len(x) + np.arange(len(ribbon)).reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
         x = np.concatenate([x, ribbon]).astype(np.float32)

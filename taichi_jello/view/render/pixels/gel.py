@@ -39,6 +39,7 @@ CLEAR_AT = 0.55  # of a body's size: the way on which light takes on the body's 
 PALEST, DARKEST = 0.94, 0.02  # of a colour's channels
 CLOUDY = 2.2  # 1/size: how fast scattered light reaches its full colour
 GRAZING = 0.03  # the least cosine between a ray and a normal
+CLOTH = 0.2  # what a sheet reflects, of what the smooth surface of a solid does
 FAINTEST = 0.01  # the part of the light that a ray is followed for
 GLOWING, FAINT = 0.46, 0.008  # scattered light, of the body's colour, and for any
 ABSORPTION, GLOW, SIZES = 0, 1, 2  # rows of `gel`
@@ -158,7 +159,8 @@ def lit(
 ):
     """The colour of a body seen along d: light enters or is reflected at p, where its normal is n, goes along `inner`
     inside, and leaves at q or is reflected there, where the normal is m."""
-    glossy, length = schlick(-d.dot(n)), (q - p).norm()
+    glossy = schlick(-d.dot(n)) * ti.select(gel[SIZES, 1] > 0.0, CLOTH, 1.0)
+    length = (q - p).norm()
     passed = ti.exp(-row(gel, ABSORPTION) * length)
     leaving = refracted(inner, m, INDEX)
     out = vec3(leaving[0], leaving[1], leaving[2])

@@ -10,6 +10,7 @@ from taichi.math import clamp, mix, smoothstep
 
 from taichi_jello.view.drawing.rows import row, vec3
 
+RISE = 5.0  # how fast the sky takes on its upper colour above the horizon
 NADIR = 0.73  # what comes from below where there is no floor, of what comes from the horizon
 DARKER = np.array([0.786, 0.807, 0.833])  # every other tile of a checkered floor, of the others
 AMBIENT = vec3(0.42, 0.45, 0.50)  # what the whole sky adds to a surface that faces up, of its albedo
@@ -45,7 +46,7 @@ def schlick(cosine):
 @ti.func
 def sky(studio: ti.template(), d):
     level = row(studio, HORIZON)
-    up = mix(level, row(studio, ZENITH), smoothstep(0.0, 0.75, d[1]))
+    up = mix(level, row(studio, ZENITH), 1.0 - ti.exp(-RISE * ti.max(d[1], 0.0)))
     return ti.select(d[1] >= 0.0, up, mix(level, NADIR * level, smoothstep(0.0, 0.6, -d[1])))
 
 
