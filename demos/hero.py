@@ -14,15 +14,15 @@ def tray() -> list[Block]:
 
 
 def jellos() -> list[Ball | Box | Mesh | Ring]:
-    soft = {"stiffness": 2.6, "damping": 0.006, "mass": 0.2}
+    soft = {"stiffness": 2.6, "damping": 0.005, "mass": 0.25}
     return [
-        Box(points=(5, 5, 5), size=(0.5, 0.5, 0.5), position=(-0.68, 0.75, -0.25), rotation=(15.0, 30.0, 20.0), **soft),
-        Ball(radius=0.28, resolution=5, position=(0.58, 0.95, 0.42), **soft),
-        Box(points=(4, 7, 4), size=(0.36, 0.7, 0.36), position=(0.62, 0.65, -0.45), rotation=(0.0, 20.0, 0.0), **soft),
+        Box(points=(5, 5, 5), size=(0.5, 0.5, 0.5), position=(-0.72, 0.8, -0.3), rotation=(15.0, 30.0, 20.0), **soft),
+        Ball(radius=0.28, resolution=5, position=(0.6, 0.95, 0.4), **soft),
+        Box(points=(4, 6, 4), size=(0.38, 0.6, 0.38), position=(0.68, 0.52, -0.5), rotation=(0.0, 20.0, 0.0), **soft),
         Ring(radius=0.24, thickness=0.15, points=(14, 3), position=(-0.4, 0.6, 0.52), rotation=(75.0, 0.0, 12.0),
              color="gold", **soft),
-        Mesh(file="meshes/teapot.ply", resolution=12, size=1.1, position=(0.0, 0.5, -0.1), rotation=(0.0, 15.0, 0.0),
-             stiffness=6.0, damping=0.02, mass=0.35, color="hotpink"),
+        Mesh(file="meshes/teapot.ply", resolution=11, size=1.0, position=(-0.02, 0.45, -0.1), rotation=(0.0, 30.0, 0.0),
+             stiffness=5.0, damping=0.006, mass=0.5, color="hotpink"),
     ]  # fmt: skip
 
 
@@ -32,7 +32,7 @@ def scene() -> Scene:
         seconds=6.0,
         jello=jellos(),
         collider=[Plane(), *tray()],
-        contact=Contact(stiffness=15.0, damping=0.003, friction=0.8),
+        contact=Contact(stiffness=12.0, damping=0.0015, friction=0.8),
         solver=Solver(method="symplectic-euler"),
         camera=Camera(eye=(1.25, 1.5, 2.3), target=(0.0, 0.33, 0.0), fov=38.0, show="skin", orbit=0.05),
         ground=Ground(color="lightsteelblue"),

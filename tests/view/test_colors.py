@@ -76,7 +76,7 @@ def test_a_floor_is_plain_or_not_there():
         spread[pattern] = np.abs(np.diff(row)).max()
     assert spread["checker"] > 8 and spread["plain"] <= 2
     gone = shot("raster", Still(replace(still.scene, ground=Ground(show=False))), only=())
-    assert np.ptp(gone.mean((1, 2))) < 60 and np.ptp(gone[230, :, 0]) <= 2
+    assert np.ptp(gone.mean((1, 2))) < 60 and np.abs(np.diff(gone[230, :, 0])).max() <= 2
 
 
 def test_faces_in_one_plane_with_the_floor_are_the_floor():
@@ -89,20 +89,20 @@ def test_faces_in_one_plane_with_the_floor_are_the_floor():
 
 
 def test_a_rope_is_a_tube_of_its_color_with_a_shadow():
-    rope = Rope(points=12, length=1.6, position=(0.0, 0.3, 0.0), color="lime")
+    rope = Rope(points=6, length=1.6, position=(0.0, 0.3, 0.0), color="lime")
     still = Still(Scene(jello=[rope], collider=[Plane()], camera=FRONT))
     drawing = drawing_of(still, SIZE)
     empty = shot("raster", still.put(still.body.x + [0.0, 1e3, 0.0]), only=())
     image = shot("raster", still.put(still.body.rest + [0.0, 0.3, 0.0]), only=("skin",))
     green = (image[..., 1] - image[..., 0] > 20) & (image[..., 1] - image[..., 2] > 20)
-    step = 1.6 / 11
+    step = 1.6 / 5
     wide = 2.0 * 0.13 * step * drawing.viewpoint.pixels_per_meter(SIZE[1]) / 5.02  # m from the eye
     ends = drawing.viewpoint.project(still.x[[0, -1]], SIZE)[:, 0]
     expected = wide * np.ptp(ends) + np.pi / 4.0 * wide**2
     assert green.sum() == pytest.approx(expected, rel=0.2)  # its outermost pixels are half covered
     darker = (empty - image).max(2)
-    rows = np.nonzero((darker > 5) & ~green)[0]
-    assert len(rows) > 50 and rows.min() > np.nonzero(green)[0].max()
+    below = np.nonzero(green)[0].max() + 5
+    assert (darker[below:] > 5).sum() > 50 and darker[below:].max() > 8 and darker[: below - 15].max() == 0
 
 
 def test_no_cage_of_springs_is_in_a_ball():

@@ -20,7 +20,7 @@ SHEET = 0.10  # a sheet's thickness, of its median structural spring
 PRESSED = 0.4  # how far a sheet between its particles may lie behind what it covers, of the same
 ROD, THICKEST = 0.03, 2.4  # a spring's radius, of the median structural spring, and in pixels at most, 720 rows high
 ROPE, ROPE_THICKEST = 0.13, 60.0  # the same of springs that are no part of a skin
-BAR = 0.0012  # half the width of a room's edge, of its diagonal
+BAR = 0.003  # half the width of a room's edge, of its shortest side
 DEEP = 11.0  # 1/size: how fast springs fade in a body
 OPAQUE, BROAD = 1e3, 2.5  # 1/m: what a rope absorbs; how wide its shadow is, of it: the blur would leave little else
 BEND = FAMILY_NAMES.index("bend")
@@ -44,7 +44,7 @@ def studio_for(drawing: Drawing) -> np.ndarray:
 
 @dataclass
 class Solids:
-    """Colliders but level floors, of rooms their edges: x (V, 3) [m], normal (V, 3), faces (T, 3), rgb (V, 3) linear."""
+    """Colliders but level floors, and rooms' edges: x (V, 3) [m], normal (V, 3), faces (T, 3), rgb (V, 3) linear."""
 
     x: np.ndarray
     normal: np.ndarray
@@ -72,17 +72,17 @@ class Solids:
 def frame(room: Room) -> Surface:
     """The edges of a room as thin bars."""
     size = np.array(room.max) - np.array(room.min)
-    half = BAR * float(np.linalg.norm(size))
-    points, normals, faces = [], [], []
+    half = BAR * float(size.min())
+    points, normals, faces = ([np.zeros((0, 3))] for _ in range(3))
     for axis in range(3):
         bar, triangles = six_faces(np.where(np.arange(3) == axis, 0.5 * size + half, half), 2.0 * size[axis])
         flat = np.repeat(np.concatenate([np.eye(3)[[k, k]] * [[-1.0], [1.0]] for k in range(3)]), len(bar) // 6, 0)
         for corner in np.ndindex(2, 2):
             middle = size * np.insert(np.array(corner, float), axis, 0.5)
-            faces.append(triangles + sum(map(len, points)))
+            faces.append(triangles + sum(len(part) for part in points))
             points.append(bar + middle)
             normals.append(flat)
-    return Surface(room, np.concatenate(points), np.concatenate(normals), np.concatenate(faces), False)
+    return Surface(room, np.concatenate(points), np.concatenate(normals), np.concatenate(faces).astype(int), False)
 
 
 class Gels:
