@@ -11,13 +11,13 @@ from taichi_jello.view.render.film_frames import Clock, Pictures
 
 FOLDER = Path("shots")
 MOMENTS = {
-    "hero": {"hero": 0.6},
+    "hero": {"hero": 0.75},
     "cube": {"cube": 0.62, "cube_late": 1.3},
     "sphere": {"sphere": 1.0},
     "room": {"room": 0.2},
     "family": {"family": 1.0},
     "regions": {"regions": 0.6},
-    "tear": {"tear": 1.3},
+    "tear": {"tear": 1.6},
     "rabbit": {"rabbit": 0.5},
     "teapot": {"teapot": 0.5},
     "melt": {"melt": 3.0, "melt_frozen": 6.1},

@@ -16,12 +16,12 @@ def tray() -> list[Block]:
 def jellos() -> list[Ball | Box | Mesh | Ring]:
     soft = {"stiffness": 2.6, "damping": 0.005, "mass": 0.25}
     return [
-        Box(points=(5, 5, 5), size=(0.5, 0.5, 0.5), position=(-0.72, 0.8, -0.3), rotation=(15.0, 30.0, 20.0), **soft),
-        Ball(radius=0.28, resolution=5, position=(0.6, 0.95, 0.4), **soft),
+        Box(points=(5, 5, 5), size=(0.5, 0.5, 0.5), position=(-0.62, 0.85, -0.45), rotation=(15.0, 30.0, 20.0), **soft),
+        Ball(radius=0.28, resolution=5, position=(-0.62, 0.95, 0.4), **soft),
         Box(points=(4, 6, 4), size=(0.38, 0.6, 0.38), position=(0.68, 0.52, -0.5), rotation=(0.0, 20.0, 0.0), **soft),
-        Ring(radius=0.24, thickness=0.15, points=(14, 3), position=(-0.4, 0.6, 0.52), rotation=(75.0, 0.0, 12.0),
+        Ring(radius=0.24, thickness=0.15, points=(14, 3), position=(0.42, 0.55, 0.52), rotation=(75.0, 0.0, 12.0),
              color="gold", **soft),
-        Mesh(file="meshes/teapot.ply", resolution=11, size=1.0, position=(-0.02, 0.45, -0.1), rotation=(0.0, 30.0, 0.0),
+        Mesh(file="meshes/teapot.ply", resolution=11, size=1.0, position=(0.05, 0.45, -0.08), rotation=(0.0, 30.0, 0.0),
              stiffness=5.0, damping=0.006, mass=0.5, color="hotpink"),
     ]  # fmt: skip
 

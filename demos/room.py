@@ -16,6 +16,7 @@ def scene() -> Scene:
                 stiffness=14.0,
                 damping=0.01,
                 volume=1.0,
+                color="#a35cd6",
             )
         ],
         contact=Contact(stiffness=2000.0, damping=0.05, friction=0.1),

@@ -7,7 +7,16 @@ def scene() -> Scene:
     return Scene(
         title="Jello and spheres",
         seconds=5.0,
-        jello=[Box(position=(0.1, 2.0, 0.0), rotation=(0.0, 20.0, 15.0), stiffness=20.0, damping=0.03, volume=1.0)],
+        jello=[
+            Box(
+                position=(0.1, 2.0, 0.0),
+                rotation=(0.0, 20.0, 15.0),
+                stiffness=20.0,
+                damping=0.03,
+                volume=1.0,
+                color="#33c2ad",
+            )
+        ],
         collider=[
             Plane(),
             Sphere(center=(0.0, 0.35, 0.0), radius=0.5),

@@ -21,6 +21,7 @@ def scene() -> Scene:
                 stiffness=50.0,
                 damping=0.1,
                 tear_strain=0.8,
+                color="#fc8f1a",
                 region=[
                     Region(min=(0.48, 0.0, 0.0), max=(0.56, 1.0, 1.0), stiffness_factor=0.4),
                     Region(center=(0.5, 0.5, 1.0), radius=0.3, stiffness_factor=0.6),
