@@ -144,10 +144,10 @@ def test_a_scale_that_is_given_is_that_of_all_pictures(cube):
 def test_what_a_scale_expects_of_weight_and_fall():
     """A rope bears its whole weight; of a cube that falls from h each spring takes F²/2k = mgh/S."""
     hung = Still(Scene(jello=[Rope(mass=0.3)]))
-    assert Scale(hung.scene, hung.body).top("force", np.zeros(0)) == 5.0  # 2.9 N
+    assert Scale(hung.scene, hung.body).of("force", np.zeros(0)) == 5.0  # 2.9 N
     fallen = Still(cube_scene(2.5, stiffness=50.0, mass=2.0))
     force = np.sqrt(2.0 * 50.0 * 2.0 * 9.81 * 2.0 / len(fallen.body.springs))  # 3.5 N
-    assert 2.0 < force < 5.0 == Scale(fallen.scene, fallen.body).top("force", np.zeros(0))
+    assert 2.0 < force < 5.0 == Scale(fallen.scene, fallen.body).of("force", np.zeros(0))
 
 
 def test_springs_are_set_off_from_a_jello_of_their_own_color():

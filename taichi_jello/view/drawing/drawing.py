@@ -106,6 +106,8 @@ class Drawing:
         if self.camera.moves:
             followed = self.body.jello == (-1 if self.camera.follow is None else self.camera.follow)
             self.viewpoint.fly(self.camera, time, np.asarray(x)[followed], self.aspect)
+        if self.springs is not None and time == 0.0 < self.time:
+            self.springs.ends.restart()
         camera, self.time = camera_rows(self.viewpoint, self.scene), time
         if self.changing:
             self._change(time, memory)

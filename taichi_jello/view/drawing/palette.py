@@ -46,7 +46,7 @@ def skin(jello: Jello, number: int) -> np.ndarray:
 
 
 def obstacle(collider: Collider) -> np.ndarray:
-    """(3,)"""
+    """(3,): of a collider's surface."""
     return OBSTACLE if collider.color is None else np.array(collider.color)
 
 

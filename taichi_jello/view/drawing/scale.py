@@ -40,15 +40,20 @@ def expected(scene: Scene, body: Body) -> dict[str, float]:
 
 
 class Scale:
-    """What the top of the scale stands for, by the names in COLORS: `given`, in the legend's unit, or else what is
+    """What the end of the scale stands for, by the names in COLORS: `given`, in the legend's unit, or else what is
     expected of the scene, raised if loads come to be higher."""
 
     def __init__(self, scene: Scene, body: Body):
         scale = scene.camera.scale
         self.given = None if isinstance(scale, str) else scale
-        self._most = {name: round_up(load) for name, load in expected(scene, body).items()}
+        self._first = {name: round_up(load) for name, load in expected(scene, body).items()}
+        self.restart()
 
-    def top(self, name: str, load: np.ndarray, per: float = 1.0) -> float:
+    def restart(self) -> None:
+        """Forget what was higher than expected: a new film begins."""
+        self._most = dict(self._first)
+
+    def of(self, name: str, load: np.ndarray, per: float = 1.0) -> float:
         """Of loads (S,) now, none of them NaN, and those before; per: from loads to the legend's unit."""
         if self.given is not None:
             return self.given / per

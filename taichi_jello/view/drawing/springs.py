@@ -58,7 +58,7 @@ def layers(body: Body) -> np.ndarray:
 class Springs:
     """The springs of a body as `lines`, and `key`, the meaning of their colours.
     Of a dense body only layer 0 is drawn, by family also layer 1, and all if `everything`. load (S,): the force [N] or
-    strain of each; scale: factors on the body's stiffness and damping; top: the end of the colour scale."""
+    strain of each; scale: factors on the body's stiffness and damping; ends: of colour scales."""
 
     def __init__(self, scene: Scene, body: Body):
         layer = layers(body)
@@ -67,7 +67,7 @@ class Springs:
         self.set_state(SpringState(body.stiffness, body.rest_length, body.damping))
         self.families = np.minimum(body.family, 3).astype(np.intp)[self._order]
         self.everything = False
-        self.scale, self.top = (1.0, 1.0), Scale(scene, body)
+        self.scale, self.ends = (1.0, 1.0), Scale(scene, body)
         self.load = np.zeros(0, np.float32)
         self.lines = Lines.empty(0)
         self.key = Key()
@@ -108,11 +108,11 @@ class Springs:
         self.lines.rgb.reshape(-1, 2, 3)[:] = rgb
 
     def _ramped(self, load: np.ndarray, color: str, title: str, unit: str, per: float = 1.0) -> tuple[np.ndarray, Key]:
-        """Colours (S, 1, 3) of loads from zero to the top of the scale, and their key; per: from loads to `unit`."""
+        """Colours (S, 1, 3) of loads from zero to the end of the scale, and their key; per: from loads to `unit`."""
         load = np.where(np.isfinite(load), load, np.float32(np.inf))
-        top = self.top.top(color, load[np.isfinite(load)], per)
-        shade = np.minimum(load * ((SHADES - 1) / top), SHADES - 1).astype(np.intp)
-        return self._ramp[shade][:, None], Key(title, unit, per * top, self._ramp)
+        end = self.ends.of(color, load[np.isfinite(load)], per)
+        shade = np.minimum(load * ((SHADES - 1) / end), SHADES - 1).astype(np.intp)
+        return self._ramp[shade][:, None], Key(title, unit, per * end, self._ramp)
 
     def _by_family(self, families: np.ndarray) -> tuple[np.ndarray, Key]:
         names = tuple((FAMILY_NAMES[f], palette.FAMILIES[f]) for f in np.unique(families))
