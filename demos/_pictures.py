@@ -24,7 +24,7 @@ MOMENTS = {
     "crowd": {"crowd": 1.5},
     "chain": {"chain": 1.0},
     "bridge": {"bridge": 0.8},
-    "stack": {"stack": 0.3},
+    "stack": {"stack": 0.6},
 }  # by demo: the moment [s] of each file
 FILM, RATE, LENGTH = (560, 315), 20, 3.0  # size [pixels], frames and seconds of cube.gif
 
