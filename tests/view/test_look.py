@@ -9,7 +9,7 @@ from taichi_jello.shapes.ball import Ball
 from taichi_jello.shapes.lattice import Box
 from taichi_jello.view.drawing.palette import GAMMA
 from taichi_jello.view.render.pixels import buffers, develop, strokes
-from taichi_jello.view.render.pixels.studio import INDEX, NADIR, RISE
+from taichi_jello.view.render.pixels.studio import INDEX, LOW, NADIR
 from taichi_jello.view.render.raster import Raster
 from taichi_jello.view.render.renderers import drawing_of, finished
 
@@ -62,7 +62,7 @@ def test_the_rim_reflects_as_schlick_says(ball):
         base = ((INDEX - 1.0) / (INDEX + 1.0)) ** 2
         high = zenith if bounce[1] > 0.0 else NADIR * horizon
         t = np.clip(abs(bounce[1]) / 0.6, 0.0, 1.0)
-        share = 1.0 - np.exp(-RISE * bounce[1]) if bounce[1] > 0.0 else t * t * (3.0 - 2.0 * t)
+        share = bounce[1] * (1.0 + LOW) / (bounce[1] + LOW) if bounce[1] > 0.0 else t * t * (3.0 - 2.0 * t)
         sky = horizon + (high - horizon) * share
         expected.append((base + (1.0 - base) * (1.0 - facing) ** 5) * sky)
         found.append(picture[row, column])

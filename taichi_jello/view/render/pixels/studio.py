@@ -10,7 +10,7 @@ from taichi.math import clamp, mix, smoothstep
 
 from taichi_jello.view.drawing.rows import row, vec3
 
-RISE = 5.0  # how fast the sky takes on its upper colour above the horizon
+LOW = 0.2  # the sine of the height at which the sky is about half of its lower colour and half of its upper one
 NADIR = 0.73  # what comes from below where there is no floor, of what comes from the horizon
 DARKER = np.array([0.786, 0.807, 0.833])  # every other tile of a checkered floor, of the others
 AMBIENT = vec3(0.42, 0.45, 0.50)  # what the whole sky adds to a surface that faces up, of its albedo
@@ -46,7 +46,8 @@ def schlick(cosine):
 @ti.func
 def sky(studio: ti.template(), d):
     level = row(studio, HORIZON)
-    up = mix(level, row(studio, ZENITH), 1.0 - ti.exp(-RISE * ti.max(d[1], 0.0)))
+    high = ti.max(d[1], 0.0)
+    up = mix(level, row(studio, ZENITH), high * (1.0 + LOW) / (high + LOW))
     return ti.select(d[1] >= 0.0, up, mix(level, NADIR * level, smoothstep(0.0, 0.6, -d[1])))
 
 
