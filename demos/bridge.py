@@ -37,5 +37,5 @@ def scene() -> Scene:
         collider=[Plane()],
         contact=Contact(stiffness=300.0, damping=0.1, friction=0.8),
         solver=Solver(method="rk4"),
-        camera=Camera(eye=(1.7, 2.0, 3.3), target=(0.0, 0.8, 0.0)),
+        camera=Camera(eye=(1.2, 1.85, 2.6), target=(0.0, 0.95, 0.0), scale=0.5),
     )

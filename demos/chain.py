@@ -31,5 +31,5 @@ def scene() -> Scene:
         ],
         contact=Contact(stiffness=800.0, damping=0.2, friction=0.2),
         solver=Solver(method="rk4"),
-        camera=Camera(eye=(0.3, 1.6, 3.7), target=(-0.45, 1.35, 0.0)),
+        camera=Camera(eye=(0.3, 1.6, 3.4), target=(-0.25, 1.4, 0.0), show="skin"),
     )

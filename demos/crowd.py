@@ -28,5 +28,5 @@ def scene() -> Scene:
         collider=[Room(min=(-0.75, 0.0, -0.75), max=(0.75, 6.0, 0.75))],
         contact=Contact(stiffness=18.0, damping=0.018, friction=0.2),
         solver=Solver(method="rk4"),
-        camera=Camera(eye=(1.9, 2.3, 3.6), target=(0.0, 0.7, 0.0), color="strain"),
+        camera=Camera(eye=(1.6, 2.1, 3.2), target=(0.0, 0.75, 0.0), show="skin"),
     )

@@ -22,5 +22,5 @@ def scene() -> Scene:
             Sphere(center=(-0.2, 0.1, 0.0), radius=0.45),
         ],
         contact=Contact(stiffness=2000.0, damping=0.5),
-        camera=Camera(eye=(3.2, 2.6, 5.4), target=(0.0, 1.15, 0.0)),
+        camera=Camera(eye=(2.7, 2.4, 4.7), target=(0.0, 1.28, 0.0), scale=0.2),
     )

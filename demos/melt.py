@@ -15,6 +15,7 @@ def scene() -> Scene:
                 stiffness=40.0,
                 damping=0.02,
                 creep=4.0,
+                color="#85d12e",
                 keyframe=[
                     Keyframe(time=0.5, stiffness=1.0, damping=1.0),
                     Keyframe(time=1.6, stiffness=0.035, damping=0.5),
@@ -36,5 +37,5 @@ def scene() -> Scene:
                 ],
             ),
         ],
-        camera=Camera(eye=(1.5, 1.3, 2.2), target=(0.0, 0.3, 0.0)),
+        camera=Camera(eye=(1.1, 0.95, 1.65), target=(0.0, 0.33, 0.0), show="skin"),
     )

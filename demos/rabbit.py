@@ -16,6 +16,7 @@ def scene() -> Scene:
                 rotation=(0.0, -20.0, 0.0),
                 stiffness=15.0,
                 damping=0.02,
+                color="#f55c94",
             )
         ],
         contact=Contact(stiffness=500.0, damping=0.5, friction=0.8),

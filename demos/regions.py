@@ -1,4 +1,4 @@
-"""A cube with a soft lower half and a hard core in the upper one lands and sags where it is soft."""
+"""A cube lands and sags where it is soft, in its lemon half below; a hard core above keeps its shape."""
 
 from taichi_jello import Box, Camera, Contact, Plane, Region, Scene
 
@@ -16,12 +16,12 @@ def scene() -> Scene:
                 stiffness=60.0,
                 damping=0.15,
                 region=[
-                    Region(max=(1.0, 0.5, 1.0), stiffness=8.0, damping=0.1),
-                    Region(center=(0.5, 0.8, 0.5), radius=0.3, stiffness=180.0),
+                    Region(max=(1.0, 0.5, 1.0), stiffness=3.0, damping=0.05, color="gold"),
+                    Region(center=(0.5, 0.8, 0.5), radius=0.3, stiffness=180.0, color="deeppink"),
                 ],
             )
         ],
         collider=[Plane()],
         contact=Contact(stiffness=2000.0, damping=0.5),
-        camera=Camera(eye=(2.0, 1.6, 3.0), target=(0.0, 0.5, 0.0), color="stiffness"),
+        camera=Camera(eye=(1.35, 1.25, 2.0), target=(0.0, 0.44, 0.0), color="stiffness"),
     )

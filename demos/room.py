@@ -13,12 +13,13 @@ def scene() -> Scene:
                 position=(0.0, 1.2, 0.0),
                 velocity=(9.0, 7.0, 6.0),
                 spin=(1.0, 3.0, 2.0),
-                stiffness=20.0,
+                stiffness=14.0,
                 damping=0.01,
                 volume=1.0,
+                color="#a35cd6",
             )
         ],
         contact=Contact(stiffness=2000.0, damping=0.05, friction=0.1),
         collider=[Room(min=(-1.3, 0.0, -1.3), max=(1.3, 2.6, 1.3))],
-        camera=Camera(eye=(2.9, 2.2, 4.8), target=(0.0, 1.1, 0.0)),
+        camera=Camera(eye=(2.7, 2.0, 4.4), target=(0.0, 1.2, 0.0), scale=0.5),
     )

@@ -26,5 +26,5 @@ def scene() -> Scene:
         collider=[Plane()],
         contact=Contact(stiffness=700.0, damping=0.5, friction=0.6),
         solver=Solver(method="rk4"),
-        camera=Camera(eye=(1.3, 1.5, 2.6), target=(0.0, 0.68, 0.0)),
+        camera=Camera(eye=(1.2, 1.35, 2.4), target=(0.0, 0.7, 0.0), scale=0.02),
     )

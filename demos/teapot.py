@@ -16,6 +16,7 @@ def scene() -> Scene:
                 rotation=(0.0, 20.0, 6.0),
                 stiffness=20.0,
                 damping=0.015,
+                color="#4d78eb",
             )
         ],
         contact=Contact(stiffness=500.0, damping=1.0, friction=0.8),

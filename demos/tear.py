@@ -18,9 +18,10 @@ def scene() -> Scene:
                 size=(1.6, 0.27, 0.53),
                 position=(0.0, 0.9, 0.0),
                 mass=3.0,
-                stiffness=150.0,
-                damping=0.15,
+                stiffness=50.0,
+                damping=0.1,
                 tear_strain=0.8,
+                color="#fc8f1a",
                 region=[
                     Region(min=(0.48, 0.0, 0.0), max=(0.56, 1.0, 1.0), stiffness_factor=0.4),
                     Region(center=(0.5, 0.5, 1.0), radius=0.3, stiffness_factor=0.6),
@@ -33,5 +34,5 @@ def scene() -> Scene:
         ],
         collider=[Plane()],
         contact=Contact(stiffness=2000.0, damping=0.5),
-        camera=Camera(eye=(0.6, 1.9, 3.2), target=(0.05, 0.7, 0.0)),
+        camera=Camera(eye=(0.5, 1.6, 2.7), target=(0.0, 0.75, 0.0), color="strain", scale=50.0),
     )

@@ -23,15 +23,18 @@ with interrupt.importing():
     from taichi_jello.run.simulation import Simulation as Simulation
     from taichi_jello.run.snapshot import Snapshot as Snapshot
     from taichi_jello.run.start_warnings import SceneWarning as SceneWarning
-    from taichi_jello.scene.description import Camera as Camera
     from taichi_jello.scene.description import Contact as Contact
     from taichi_jello.scene.description import Pin as Pin
     from taichi_jello.scene.description import Scene as Scene
     from taichi_jello.scene.description import SceneError as SceneError
     from taichi_jello.scene.description import Solver as Solver
+    from taichi_jello.scene.keyframes import CameraKeyframe as CameraKeyframe
     from taichi_jello.scene.keyframes import GravityKeyframe as GravityKeyframe
     from taichi_jello.scene.keyframes import Keyframe as Keyframe
     from taichi_jello.scene.keyframes import Move as Move
+    from taichi_jello.scene.look import Background as Background
+    from taichi_jello.scene.look import Camera as Camera
+    from taichi_jello.scene.look import Ground as Ground
     from taichi_jello.scene.region import Region as Region
     from taichi_jello.shapes.ball import Ball as Ball
     from taichi_jello.shapes.lattice import Box as Box

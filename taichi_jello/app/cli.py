@@ -47,12 +47,13 @@ def make_scene(chosen: argparse.Namespace) -> Scene:
     for key, value in chosen.settings:
         with mistakes("--set ", SceneError):
             scene = changed(scene, key.split("."), value)
-    return in_color(chosen, scene)
+    return as_seen(chosen, scene)
 
 
-def in_color(chosen: argparse.Namespace, scene: Scene) -> Scene:
-    color = getattr(chosen, "color", None) or scene.camera.color
-    return replace(scene, camera=replace(scene.camera, color=color))
+def as_seen(chosen: argparse.Namespace, scene: Scene) -> Scene:
+    """With what --color, --show and --scale ask of the camera."""
+    asked = {name: getattr(chosen, name, None) for name in ("color", "show", "scale")}
+    return replace(scene, camera=replace(scene.camera, **{name: it for name, it in asked.items() if it is not None}))
 
 
 def with_step(chosen: argparse.Namespace, scene: Scene) -> Simulation:
@@ -197,9 +198,11 @@ def do_video(chosen: argparse.Namespace) -> None:
     path = output(chosen.output, film.path.suffix)
     stepped, simulation, seconds = make_run(chosen, make_scene(chosen))
     clock = Clock(stepped, film.rate, chosen.speed)
-    count = clock.frames(seconds if chosen.seconds is None else chosen.seconds)
+    seconds = seconds if chosen.seconds is None else chosen.seconds
+    count = clock.frames(seconds)
     with mistakes(f"-o {chosen.output}: ", ValueError):
-        camera = Skins(simulation) if film.takes is Mesh else Pictures(stepped, chosen.size, chosen.renderer)
+        orbit = None if chosen.turn is None else chosen.turn / max(seconds, clock.per_frame)
+        camera = Skins(simulation) if film.takes is Mesh else Pictures(stepped, chosen.size, chosen.renderer, orbit)
     try:
         with last_good_kept(simulation, path.with_name(f"{film.stem}.npz")), contextlib.closing(camera), film:
             for k in bar(range(count), simulation.scene.title, quiet=chosen.quiet):
@@ -216,7 +219,7 @@ def play_in_window(chosen: argparse.Namespace) -> None:
     from taichi_jello.view.window.play import play
 
     def make(scene: Scene) -> Simulation:
-        return with_step(chosen, playable(in_color(chosen, scene)))
+        return with_step(chosen, playable(as_seen(chosen, scene)))
 
     stepped, simulation, _ = make_run(chosen, playable(make_scene(chosen)))
     if not chosen.log:

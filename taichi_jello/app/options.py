@@ -6,7 +6,7 @@ import tomllib
 from typing import Any, NoReturn
 
 from taichi_jello import __version__
-from taichi_jello.scene.description import COLORS
+from taichi_jello.scene.look import COLORS, SHOWS
 from taichi_jello.scene.validation import LARGEST, SMALLEST
 from taichi_jello.support import runtime
 from taichi_jello.support.plugins import modules
@@ -34,6 +34,10 @@ def positive(text: str) -> float:
 
 def not_negative(text: str) -> float:
     return number(text, 0.0, f"of at least 0, at most {LARGEST:g}")
+
+
+def turns(text: str) -> float:
+    return number(text, -LARGEST, f"of turns, {-LARGEST:g} to {LARGEST:g}")
 
 
 def count(text: str) -> int:
@@ -91,6 +95,8 @@ def shared_options() -> tuple[Parser, Parser, Parser]:
     drawing = Parser(add_help=False)
     drawing.add_argument("--size", type=picture_size, default=(1280, 720), metavar="WxH")
     drawing.add_argument("--color", choices=COLORS, help="what the springs' colour shows")
+    drawing.add_argument("--show", choices=SHOWS, help="what is drawn of jellos")
+    drawing.add_argument("--scale", type=positive, metavar="N", help="the end of the colour scale, in N, %% or N/m")
     drawing.add_argument("--renderer", type=renderer, default="auto", metavar="NAME", help="auto, ggui or raster")
     return scene, replay, drawing
 
@@ -127,6 +133,7 @@ def options() -> Parser:
                        help="or a file for each frame: name-%%04d.png, or .ply or .obj for the skin")  # fmt: skip
     video.add_argument("--seconds", type=not_negative, metavar="S", help="how long to simulate")
     video.add_argument("--fps", type=positive, metavar="N", help="frames a second: 60, or 25 for .gif")
+    video.add_argument("--turn", type=turns, metavar="N", help="how often the camera goes round in the whole film")
     video.add_argument("--speed", type=positive, default=1.0, metavar="X", help="0.25 is four times slower than life")
     explain = add("explain", "what a scene compiles in and leaves out, and where its step comes from", [scene])
     explain.add_argument("--json", metavar="FILE", help="write the facts there too")

@@ -19,7 +19,8 @@ from taichi_jello.physics.forces.grab import with_hand
 from taichi_jello.physics.forces.wind import with_wind
 from taichi_jello.run.simulation import Simulation
 from taichi_jello.run.snapshot import Snapshot
-from taichi_jello.scene.description import Camera, Scene
+from taichi_jello.scene.description import Scene
+from taichi_jello.scene.look import Background, Camera, Ground
 from taichi_jello.scene.validation import shown
 from taichi_jello.support.wording import counted
 
@@ -61,8 +62,8 @@ def _canonical(value: Any) -> Any:
 
 
 def fingerprint(scene: Scene) -> str:
-    """A hash of everything in the scene but its camera, length and title."""
-    plain = replace(scene, camera=Camera(), seconds=0.0, title="")
+    """A hash of everything in the scene but its camera, ground, background, length and title."""
+    plain = replace(scene, camera=Camera(), ground=Ground(), background=Background(), seconds=0.0, title="")
     return hashlib.sha256(json.dumps(_canonical(plain)).encode()).hexdigest()[:16]
 
 

@@ -13,7 +13,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from taichi_jello.scene.body import Body
+from taichi_jello.scene.colors import Color, color_or_none
 from taichi_jello.scene.keyframes import GravityKeyframe, Keyframe, Move, offset
+from taichi_jello.scene.look import COLORS as COLORS
+from taichi_jello.scene.look import SHOWS as SHOWS
+from taichi_jello.scene.look import Background, Camera, Ground
 from taichi_jello.scene.region import Pin, Region
 from taichi_jello.scene.validation import (
     FAMILIES,
@@ -32,9 +36,6 @@ from taichi_jello.scene.validation import (
     vectors,
     word,
 )
-
-SHOWS = ("skin and springs", "all springs", "skin", "particles")
-COLORS = ("force", "strain", "stiffness", "family", "plain")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,35 +71,19 @@ class Contact(Checked):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Camera(Checked):
-    """The camera's position `eye` and the point it looks at [m]; fov: the vertical field of view [degrees] of a 16:9
-    picture (narrower pictures keep its width); what is drawn of jellos, and what the springs' color shows."""
-
-    eye: Vector = (2.6, 1.9, 3.6)
-    target: Vector = (0.0, 0.6, 0.0)
-    fov: float = 40.0
-    color: str = "force"
-    show: str = SHOWS[0]
-
-    def check(self) -> dict[str, Any]:
-        eye, target, fov = vector("eye", self.eye), vector("target", self.target), number("fov", self.fov, above=0.0)
-        if eye == target:
-            raise SceneError("eye", "expected a point away from the target")
-        if fov >= 180.0:
-            raise SceneError("fov", f"expected less than 180 degrees, got {fov:g}")
-        words = {"color": word("color", self.color, COLORS), "show": word("show", self.show, SHOWS)}
-        return {"eye": eye, "target": target, "fov": fov} | words
-
-
-@dataclass(frozen=True, kw_only=True)
 class Collider(Checked):
     """A rigid obstacle. A subclass in `physics/colliders` names its `type` and defines its geometry; the keyframes move
-    it as a whole."""
+    it as a whole. color: of its surface; of a floor, unless the ground has one."""
 
     type: ClassVar[str]
     parts: ClassVar[dict[str, type[Checked]]] = {"keyframe": Move}
     core_entry: ClassVar[Any] = None  # of a solid that one step could cross: see continuous_collision.py
+    color: Color | None = None
     keyframe: Sequence[Move] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "color", color_or_none("color", self.color))
 
     @property
     def thickness(self) -> float:
@@ -173,6 +158,7 @@ class Jello(Checked):
     volume: how a solid resists a change of its volume, over Young's modulus of its springs; 0: by the springs alone, 1:
     as hard again, which also turns cells right that are inside out; 20: nearly incompressible.
     x [m], v [m/s]: (N, 3) initial positions and velocities of the points, in place of the above.
+    color: of its skin; without it one of a palette, by its number in the scene.
     """
 
     shape: ClassVar[str]
@@ -195,6 +181,7 @@ class Jello(Checked):
     self_contact: bool = False
     x: Any = None
     v: Any = None
+    color: Color | None = None
     region: Sequence[Region] = ()
     keyframe: Sequence[Keyframe] = ()
     parts: ClassVar[dict[str, type[Checked]]] = {"pin": Pin, "region": Region, "keyframe": Keyframe}
@@ -212,6 +199,7 @@ class Jello(Checked):
         checked: dict[str, Any] = {
             "springs": tuple(word("springs", family, FAMILIES) for family in self.springs),
             "self_contact": truth("self_contact", self.self_contact),
+            "color": color_or_none("color", self.color),
         }
         for name in ("mass", "young", "density"):
             if name not in absent:
@@ -265,6 +253,8 @@ class Scene(Checked):
     solver: Solver = field(default_factory=Solver)
     contact: Contact = field(default_factory=Contact)
     camera: Camera = field(default_factory=Camera)
+    ground: Ground = field(default_factory=Ground)
+    background: Background = field(default_factory=Background)
     collider: Sequence[Collider] = field(default=(), metadata={"guide": "a level plane at y = 0"})
     jello: Sequence[Jello] = ()
     force: Sequence[Force] = ()
@@ -272,12 +262,14 @@ class Scene(Checked):
     parts: ClassVar[dict[str, type[Checked]]] = {"collider": Collider, "jello": Jello, "keyframe": GravityKeyframe}
 
     def check(self) -> dict[str, Any]:
-        for table in (Solver, Contact, Camera):
+        for table in (Solver, Contact, Camera, Ground, Background):
             name = table.__name__.lower()
             if not isinstance(getattr(self, name), table):
                 raise SceneError(name, f"expected a {table.__name__}, got {shown(getattr(self, name))}")
         if not listed("jello", self.jello, Jello):
             raise SceneError("jello", "expected at least one jello, the scene is empty")
+        if self.camera.follow is not None and self.camera.follow >= len(self.jello):
+            raise SceneError("camera.follow", f"expected a jello, 0 to {len(self.jello) - 1}, got {self.camera.follow}")
         return {
             "title": word("title", self.title),
             "gravity": vector("gravity", self.gravity),

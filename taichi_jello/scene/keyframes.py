@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_jello.scene.validation import Checked, SceneError, Vector, number, truth, vector
+from taichi_jello.scene.validation import Checked, SceneError, Vector, field_of_view, number, truth, vector
 
 SLACK = 1e-9  # s by which a frame may begin before a keyframe and still be meant by it: rounding of the clock
 HELD = ("stiffness", "damping")  # factors that do not approach the value they have once frozen
@@ -72,6 +72,23 @@ class Move(Timed):
         return super().check() | {"offset": vector("offset", self.offset)}
 
 
+@dataclass(frozen=True, kw_only=True)
+class CameraKeyframe(Timed):
+    """The camera's eye and target [m] and field of view [degrees] at `time` [s], along a smooth way from keyframe to
+    keyframe. One that is left out is interpolated from the keyframes that give it; without any it is the camera's
+    own."""
+
+    eye: Vector | None = None
+    target: Vector | None = None
+    fov: float | None = None
+
+    def check(self) -> dict[str, Any]:
+        given = {name: vector(name, value) for name in ("eye", "target") if (value := getattr(self, name)) is not None}
+        if len(given) == 2 and given["eye"] == given["target"]:
+            raise SceneError("eye", "expected a point away from the target")
+        return super().check() | given | ({} if self.fov is None else {"fov": field_of_view(self.fov)})
+
+
 def factor(rows: Sequence[Keyframe], name: str, time: float) -> float:
     """The factor `name` at `time` [s]."""
     given = [row for row in rows if getattr(row, name) is not None]
@@ -101,6 +118,26 @@ def offset(rows: Sequence[Move], time: float) -> np.ndarray:
 def gravity(rows: Sequence[GravityKeyframe], time: float) -> np.ndarray:
     """(3,) [m/s²] at `time` [s]."""
     return _interpolated([row.time for row in rows], [row.gravity for row in rows], time)
+
+
+def smooth(rows: Sequence[Timed], name: str, otherwise: Any, time: float) -> np.ndarray:
+    """The value `name` at `time` [s] of the rows that give it: cubic between them, at rest at the first and the last,
+    and never beyond its neighbours (Fritsch and Butland 1984); `otherwise` if no row gives it."""
+    given = [row for row in rows if getattr(row, name) is not None]
+    if len(given) < 2:
+        return np.array(getattr(given[0], name) if given else otherwise, float)
+    times = np.array([row.time for row in given])
+    values = np.array([getattr(row, name) for row in given], float)
+    slope = (np.diff(values.T) / np.diff(times)).T
+    before, after = slope[:-1], slope[1:]
+    together = before + after
+    middle = np.where(before * after > 0.0, 2.0 * before * after / np.where(together == 0.0, 1.0, together), 0.0)
+    rate = np.concatenate([np.zeros_like(values[:1]), middle, np.zeros_like(values[:1])])
+    k = int(np.clip(np.searchsorted(times, time, "right") - 1, 0, len(times) - 2))
+    span = times[k + 1] - times[k]
+    t = float(np.clip((time - times[k]) / span, 0.0, 1.0))
+    bow = t * (1.0 - t) * span * ((1.0 - t) * rate[k] - t * rate[k + 1])
+    return values[k] + (values[k + 1] - values[k]) * t * t * (3.0 - 2.0 * t) + bow
 
 
 def _interpolated(times: list[float], values: list[Vector], time: float) -> np.ndarray:

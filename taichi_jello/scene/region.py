@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from taichi_jello.scene.body import Body
+from taichi_jello.scene.colors import Color, color_or_none
 from taichi_jello.scene.keyframes import Move
 from taichi_jello.scene.validation import FAMILIES, LARGEST, Checked, SceneError, Vector, box, by_family, number, vector
 
@@ -71,7 +72,7 @@ class Region(Checked):
     stiffness [N/m] and damping [N·s/m] of these springs, or tables by family; unchanged if left out. stiffness_factor
     and damping_factor multiply the springs' own values: one number, an x by y by z array that is linear between its
     nodes, which span the box, or a function of the places (n, 3). mass_factor likewise multiplies the masses of the
-    points that lie there.
+    points that lie there. color: of the skin there.
     """
 
     min: Vector = (0.0, 0.0, 0.0)
@@ -83,10 +84,11 @@ class Region(Checked):
     stiffness_factor: Any = 1.0
     damping_factor: Any = 1.0
     mass_factor: Any = 1.0
+    color: Color | None = None
 
     def check(self) -> dict[str, Any]:
         corners = box(self.min, self.max)
-        checked: dict[str, Any] = {}
+        checked: dict[str, Any] = {"color": color_or_none("color", self.color)}
         if self.radius is not None:
             checked["radius"] = number("radius", self.radius, above=0.0)
             checked["center"] = vector("center", (0.5, 0.5, 0.5) if self.center is None else self.center)
@@ -107,6 +109,18 @@ class Region(Checked):
         if self.radius is not None:
             return np.linalg.norm(where - self.center, axis=1) <= self.radius + 1e-9
         return in_box(where, self.min, self.max)
+
+    def share(self, where: np.ndarray, soft: float) -> np.ndarray:
+        """(n,) 0 to 1: how far inside the places (n, 3) are, a half on its boundary, over a width of `soft`."""
+        if self.radius is not None:
+            beyond = np.linalg.norm(where - self.center, axis=1) - self.radius
+        else:  # a side at the body's own side bounds nothing
+            low, high = (
+                np.where(np.array(self.min) > 0.0, self.min, -np.inf),
+                np.where(np.array(self.max) < 1.0, self.max, np.inf),
+            )
+            beyond = np.maximum(low - where, where - high).max(1)
+        return np.clip(0.5 - beyond / soft, 0.0, 1.0)
 
     def factor(self, name: str, where: np.ndarray) -> np.ndarray:
         """(n,) values of the factor `name` at the places (n, 3)."""

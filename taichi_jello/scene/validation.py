@@ -67,6 +67,14 @@ def number(key: str, value: Any, *, low: float = -np.inf, above: float = -np.inf
     return float(value)
 
 
+def field_of_view(value: Any) -> float:
+    """An angle between 0 and 180 degrees, in the key `fov`."""
+    fov = number("fov", value, above=0.0)
+    if fov >= 180.0:
+        raise SceneError("fov", f"expected less than 180 degrees, got {fov:g}")
+    return fov
+
+
 def number_or_auto(key: str, value: Any, unit: str = "a number", **limits: float) -> float | str:
     """A number, checked as in `number`, or the word "auto"."""
     if not isinstance(value, str):

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from dataclasses import MISSING, Field, fields
 from typing import Any
 
-from taichi_jello.scene.description import Camera, Collider, Contact, Force, Jello, Pin, Scene, Solver
-from taichi_jello.scene.keyframes import GravityKeyframe, Keyframe, Move
+from taichi_jello.scene.description import Collider, Contact, Force, Jello, Pin, Scene, Solver
+from taichi_jello.scene.keyframes import CameraKeyframe, GravityKeyframe, Keyframe, Move
+from taichi_jello.scene.look import Background, Camera, Ground
 from taichi_jello.scene.region import Region
 from taichi_jello.scenefiles._table import CHOICES, kinds
 
@@ -14,8 +15,9 @@ from taichi_jello.scenefiles._table import CHOICES, kinds
 def tables() -> Iterator[tuple[str, Any, Any]]:
     """The heading of each table, its class, and a base class whose keys have a table of their own."""
     yield "the scene itself", Scene, None
-    for name, table in (("solver", Solver), ("contact", Contact), ("camera", Camera)):
-        yield f"[{name}]", table, None
+    for table in (Solver, Contact, Camera, Ground, Background):
+        yield f"[{table.__name__.lower()}]", table, None
+    yield "[[camera.keyframe]]", CameraKeyframe, None
     yield "[[keyframe]]", GravityKeyframe, None
     for name, base in (("jello", Jello), ("collider", Collider)):
         yield f"[[{name}]], whatever its `{CHOICES[base]}`", base, None

@@ -6,7 +6,9 @@ import numpy as np
 
 from taichi_jello.physics.colliders.room import Room
 from taichi_jello.scene.body import Body
-from taichi_jello.scene.description import Camera, Scene
+from taichi_jello.scene.description import Scene
+from taichi_jello.scene.keyframes import smooth
+from taichi_jello.scene.look import Camera
 
 NEAR = 0.05  # m, near clipping plane
 FAR = 1e5  # m, far clipping plane
@@ -17,6 +19,12 @@ MIN_FIT = 0.12  # of the same: a view that fills less moves closer
 NEARBY = 2.0  # diagonals of the jellos within which a large collider counts
 TURNS = np.radians([0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0])  # of the eye around the scene
 ASPECT = 16.0 / 9.0  # width over height of the pictures that scene cameras are meant for
+
+
+def widened(fov: float, aspect: float) -> float:
+    """The vertical field of view [degrees] of a picture narrower than 16:9 that is as wide as one of `fov`."""
+    slope = np.tan(np.radians(fov) / 2.0) * max(ASPECT / aspect, 1.0)
+    return 2.0 * float(np.degrees(np.arctan(slope)))
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
@@ -31,10 +39,11 @@ class Viewpoint:
     target: np.ndarray
     fov: float = 40.0
     _start: tuple[np.ndarray, np.ndarray] = field(init=False, repr=False)
+    _flown: tuple[np.ndarray, np.ndarray] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self.eye, self.target = np.array(self.eye, float), np.array(self.target, float)
-        self._start = (self.eye.copy(), self.target.copy())
+        self._start = self._flown = (self.eye.copy(), self.target.copy())
 
     @classmethod
     def first(cls, scene: Scene, body: Body, aspect: float = ASPECT) -> "Viewpoint":
@@ -42,11 +51,11 @@ class Viewpoint:
         jellos, or shows them too small, a view from the same side that fits them.
 
         A picture narrower than 16:9 shows the same width and more height. aspect: width over height."""
-        fov, usual = scene.camera.fov, Camera()
-        if aspect < ASPECT:
-            fov = 2.0 * float(np.degrees(np.arctan(np.tan(np.radians(fov) / 2.0) * ASPECT / aspect)))
-        view = cls(np.array(scene.camera.eye), np.array(scene.camera.target), fov)
-        if (scene.camera.eye, scene.camera.target) != (usual.eye, usual.target):
+        camera, usual = scene.camera, Camera()
+        eye, target = (smooth(camera.keyframe, name, getattr(camera, name), 0.0) for name in ("eye", "target"))
+        view = cls(eye, target)
+        view.fov = widened(float(smooth(camera.keyframe, "fov", camera.fov, 0.0)), aspect)
+        if camera.keyframe or (camera.eye, camera.target) != (usual.eye, usual.target):
             return view
         corners = _corners(scene, body)
         middle, arm = 0.5 * (corners.min(0) + corners.max(0)), view.eye - view.target
@@ -75,6 +84,27 @@ class Viewpoint:
         right, up, back = self.axes() @ (points - self.eye).T
         slope = fit * np.tan(np.radians(self.fov) / 2.0)
         return float((back + np.maximum(np.abs(right) / aspect, np.abs(up)) / slope).max())
+
+    def fly(self, camera: Camera, time: float, followed: np.ndarray, aspect: float) -> None:
+        """Go where the scene's camera is at `time` [s], unless a person has moved the view since; from the first view,
+        to which `reset` returns, it flies on. followed (n, 3): points [m] whose middle is the target, if there are any.
+        """
+        still = [all(map(np.array_equal, (self.eye, self.target), known)) for known in (self._start, self._flown)]
+        if not any(still):
+            return
+        eye, target = (
+            smooth(camera.keyframe, name, own, time) for name, own in zip(("eye", "target"), self._start, strict=True)
+        )
+        turn = 2.0 * np.pi * (camera.orbit * time % 1.0)
+        x, y, z = eye - target
+        eye = target + [x * np.cos(turn) + z * np.sin(turn), y, z * np.cos(turn) - x * np.sin(turn)]
+        if np.isfinite(followed).all() and len(followed):
+            target = followed.mean(0).astype(float)
+        if np.linalg.norm(eye - target) < 2.0 * NEAR:
+            eye = target + 2.0 * NEAR * self.axes()[2]
+        self.eye, self.target = eye, target
+        self.fov = widened(float(smooth(camera.keyframe, "fov", camera.fov, time)), aspect)
+        self._flown = eye.copy(), target.copy()
 
     def reset(self) -> None:
         """Return to the first view."""

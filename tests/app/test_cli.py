@@ -236,7 +236,7 @@ MISTAKES = [
     (("run", "small.toml", "-o", "x.png"), "expected a name ending in .npz"),
     (("run", "small.toml", "-o", "no/such/x.npz"), "expected a file in a folder that exists"),
     (("run", "small.toml", "-o", "x.npz", "--set", "jello.0.mass=-1"), "--set jello.0.mass: expected"),
-    (("run", "small.toml", "-o", "x.npz", "--set", "jello.0.color=red"), "--set jello.0.color: unknown key"),
+    (("run", "small.toml", "-o", "x.npz", "--set", "jello.0.colour=red"), "--set jello.0.colour: unknown key"),
     (("run", "small.toml", "-o", "x.npz", "--set", "mass"), "expected key.path=value"),
     (
         ("run", "small.toml", "-o", "x.npz", "--set", "jello.0.pin.0.max=[1, 0, 1]"),

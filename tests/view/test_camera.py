@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from taichi_jello import Block, Box, Camera, Plane, Room, Rope, Scene, Sheet, Sphere
+from taichi_jello import Block, Box, Camera, CameraKeyframe, Plane, Room, Rope, Scene, Sheet, Sphere
 from taichi_jello.run.assembly import assembled
 from taichi_jello.view.camera import FAR, NEAR, Viewpoint
+from taichi_jello.view.drawing.drawing import Drawing
 
 PLACES = [
     ((2.6, 1.9, 3.6), (0.0, 0.6, 0.0)),
@@ -129,3 +130,62 @@ def test_whether_anything_is_in_the_picture():
         assert view.sees(factor * corners, size)
     for middle in ((9.0, 0.0, 0.0), (-9.0, 0.0, 0.0), (0.0, 9.0, 0.0), (0.0, -9.0, 0.0), (0.0, 0.0, 9.0)):
         assert not view.sees(corners + middle, size)
+
+
+def flown(camera, time, jello=(), size=(1280, 720), x=None, drawing=None):
+    """The viewpoint of the picture at `time` [s], with the jellos at x (N, 3)."""
+    scene = Scene(jello=jello or [Box(points=(2, 2, 2))], collider=[Plane()], camera=camera)
+    body = assembled(scene)
+    drawing = drawing or Drawing(scene, body, size[0] / size[1])
+    drawing.update(body.x if x is None else x, np.zeros_like(body.x), time)
+    return drawing
+
+
+def test_keyframes_are_met_at_their_times():
+    way = [
+        CameraKeyframe(time=0.5, eye=(3.0, 1.0, 0.0)),
+        CameraKeyframe(time=1.5, eye=(0.0, 2.0, 4.0), target=(0.0, 1.0, 0.0), fov=30.0),
+        CameraKeyframe(time=2.0, target=(1.0, 1.0, 0.0), fov=60.0),
+    ]
+    camera = Camera(keyframe=way, fov=50.0)
+    for time, eye, target, fov in (
+        (0.0, (3.0, 1.0, 0.0), (0.0, 1.0, 0.0), 30.0),
+        (1.5, (0.0, 2.0, 4.0), (0.0, 1.0, 0.0), 30.0),
+        (9.0, (0.0, 2.0, 4.0), (1.0, 1.0, 0.0), 60.0),
+    ):
+        view = flown(camera, time).viewpoint
+        assert (*view.eye, *view.target, view.fov) == pytest.approx((*eye, *target, fov))
+    tall = flown(camera, 9.0, size=(400, 900)).viewpoint  # keeps the width of 60 degrees at 16:9
+    assert np.tan(np.radians(tall.fov / 2.0)) == pytest.approx(np.tan(np.radians(30.0)) * (16 / 9) / (4 / 9))
+
+
+@pytest.mark.parametrize("own", [{}, {"eye": (2.0, 1.0, 1.0), "target": (1.0, 0.5, 0.0)}])
+def test_the_camera_orbits_by_the_angle_asked(own):
+    """Also a view that is fitted to a scene without a camera."""
+    high = [Box(points=(2, 2, 2), position=(0.0, 6.0, 0.0))]
+    start = flown(Camera(**own), 0.0, high).viewpoint
+    for time in (0.3, 1.0, 7.0):
+        view, turned = flown(Camera(**own, orbit=0.2), time, high).viewpoint, Viewpoint(start.eye, start.target)
+        turned.orbit(2.0 * np.pi * 0.2 * time, 0.0)
+        assert view.eye == pytest.approx(turned.eye, abs=1e-9) and view.target == pytest.approx(start.target)
+
+
+def test_the_camera_looks_where_a_jello_goes():
+    two = [Box(points=(2, 2, 2)), Box(points=(2, 2, 2), position=(3.0, 0.5, 0.0))]
+    body = assembled(Scene(jello=two, collider=[Plane()]))
+    x = body.x + np.where(body.jello[:, None] == 1, [0.0, 2.0, 1.0], 0.0)
+    eye = (2.6, 1.9, 3.7)
+    view = flown(Camera(follow=1, eye=eye), 1.0, two, x=x).viewpoint
+    assert view.target == pytest.approx(x[body.jello == 1].mean(0)) and view.eye == pytest.approx(eye)
+    x[:] = np.nan  # of numbers gone bad it keeps the target
+    assert np.isfinite(flown(Camera(follow=1, eye=eye), 1.0, two, x=x).viewpoint.target).all()
+
+
+def test_a_person_takes_the_camera_over_until_the_first_view():
+    camera = Camera(orbit=0.25)
+    drawing = flown(camera, 1.0)
+    drawing.viewpoint.zoom(0.5)
+    mine = drawing.viewpoint.eye.copy()
+    assert flown(camera, 2.0, drawing=drawing).viewpoint.eye == pytest.approx(mine)
+    drawing.viewpoint.reset()
+    assert flown(camera, 3.0, drawing=drawing).viewpoint.eye == pytest.approx(flown(camera, 3.0).viewpoint.eye)

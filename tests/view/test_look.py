@@ -7,8 +7,9 @@ from still import Still, cube_scene
 from taichi_jello.scene.description import Camera, Scene
 from taichi_jello.shapes.ball import Ball
 from taichi_jello.shapes.lattice import Box
+from taichi_jello.view.drawing.palette import GAMMA
 from taichi_jello.view.render.pixels import buffers, develop, strokes
-from taichi_jello.view.render.pixels.studio import HORIZON, INDEX, NADIR, ZENITH
+from taichi_jello.view.render.pixels.studio import INDEX, LOW, NADIR
 from taichi_jello.view.render.raster import Raster
 from taichi_jello.view.render.renderers import drawing_of, finished
 
@@ -48,6 +49,7 @@ def test_the_rim_reflects_as_schlick_says(ball):
     """Of a black ball only reflections of the sky are seen, more towards its rim."""
     picture = radiance(ball, 1e4, 0.0)
     row, focal = SIZE[1] // 2, drawing_of(ball).viewpoint.pixels_per_meter(SIZE[1])
+    zenith, horizon = (np.array(color) ** GAMMA for color in (ball.scene.background.top, ball.scene.background.bottom))
     outline = RADIUS / np.sqrt(DISTANCE**2 - RADIUS**2) * focal
     found, expected = [], []
     for column in np.linspace(SIZE[0] / 2 + 0.4 * outline, SIZE[0] / 2 + 0.93 * outline, 12).astype(int):
@@ -58,9 +60,10 @@ def test_the_rim_reflects_as_schlick_says(ball):
         facing = -(d @ n)
         bounce = d + 2.0 * facing * n
         base = ((INDEX - 1.0) / (INDEX + 1.0)) ** 2
-        high = np.array(ZENITH if bounce[1] > 0.0 else NADIR)
-        t = np.clip(abs(bounce[1]) / (0.75 if bounce[1] > 0.0 else 0.6), 0.0, 1.0)
-        sky = np.array(HORIZON) + (high - np.array(HORIZON)) * t * t * (3.0 - 2.0 * t)
+        high = zenith if bounce[1] > 0.0 else NADIR * horizon
+        t = np.clip(abs(bounce[1]) / 0.6, 0.0, 1.0)
+        share = bounce[1] * (1.0 + LOW) / (bounce[1] + LOW) if bounce[1] > 0.0 else t * t * (3.0 - 2.0 * t)
+        sky = horizon + (high - horizon) * share
         expected.append((base + (1.0 - base) * (1.0 - facing) ** 5) * sky)
         found.append(picture[row, column])
     assert np.array(found) == pytest.approx(np.array(expected), rel=0.12, abs=2e-3)

@@ -32,11 +32,12 @@ class Drawing:
     def __init__(self, scene: Scene, body: Body, aspect: float = ASPECT):
         self.scene, self.body, self.count = scene, body, len(body)
         self.changing = any(jello.changes for jello in scene.jello)
-        self.color = scene.camera.color
-        self.viewpoint = Viewpoint.first(scene, body, aspect)
-        self.surroundings = Surroundings(scene) if scene.collider else None
+        self.camera, self.color = scene.camera, scene.camera.color
+        self.viewpoint, self.aspect = Viewpoint.first(scene, body, aspect), aspect
+        drawn = [each for each in scene.collider if scene.ground.show or each.floor() is None]
+        self.surroundings = Surroundings(drawn) if drawn else None
         self._solids = [s for s in self.surroundings.surfaces if not s.planar] if self.surroundings else []
-        self.springs = Springs(body) if len(body.springs) else None
+        self.springs = Springs(scene, body) if len(body.springs) else None
         self.hidden: set[str] = set()
         self.show(scene.camera.show)
         self.time = 0.0  # s, of the last update
@@ -51,7 +52,8 @@ class Drawing:
         # Particles, then points of embedded skins, then points of solid colliders, which cast shadows.
         self._points = np.zeros((self._skinned + sum(len(s.points) for s in self._solids), 3), np.float32)
         self._velocities = np.zeros((self.count, 3), np.float32)
-        self.skin = Skin(body, self.embedded) if len(body.bare_surface) or self.embedded is not None else None
+        skinned = len(body.bare_surface) > 0 or self.embedded is not None
+        self.skin = Skin(self.scene, body, self.embedded) if skinned else None
         self.shadows = self._make_shadows(body)
         # The particles of an embedded skin that lie outside it are not drawn.
         self._dotted = np.flatnonzero(body.inside) if self.embedded is not None else slice(self.count)
@@ -101,7 +103,12 @@ class Drawing:
         color = color or self.color
         if color not in COLORS:
             raise ValueError(f"color: expected one of {', '.join(COLORS)}, got {color!r}")
-        camera, self.time = camera_rows(self.viewpoint), time
+        if self.camera.moves:
+            followed = self.body.jello == (-1 if self.camera.follow is None else self.camera.follow)
+            self.viewpoint.fly(self.camera, time, np.asarray(x)[followed], self.aspect)
+        if self.springs is not None and time == 0.0 < self.time:
+            self.springs.ends.restart()
+        camera, self.time = camera_rows(self.viewpoint, self.scene), time
         if self.changing:
             self._change(time, memory)
         self._points[: self.count], self._velocities[:] = x, v

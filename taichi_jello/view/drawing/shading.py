@@ -4,25 +4,25 @@ import numpy as np
 import taichi as ti
 from taichi.math import clamp, mix, smoothstep
 
+from taichi_jello.scene.description import Scene
 from taichi_jello.view.camera import NEAR, Viewpoint
 from taichi_jello.view.drawing import palette
 from taichi_jello.view.drawing.rows import row, vec3
 
-KEY, FLOOR, SOLID, SKY_TOP, SKY_LOW = (
-    vec3(*color) for color in (palette.KEY_LIGHT, palette.GROUND, palette.OBSTACLE, palette.SKY_TOP, palette.SKY_LOW)
-)
-EYE, RIGHT, UP, FORWARD, LENS = range(5)  # rows of a camera
+KEY = vec3(*palette.KEY_LIGHT)
+EYE, RIGHT, UP, FORWARD, LENS, FLOOR, SKY_TOP, SKY_LOW = range(8)  # rows of a camera
 FOCAL = 0  # column of LENS
 REACH = 11.0  # m; an infinite plane is drawn this far from the origin
 MIN_DEPTH = NEAR * 1.02  # m; a clipped end stays in front of the near plane despite rounding
 LINE_LIFT = 0.004  # of their distance; lines are drawn nearer, or the surface they lie on would hide them
 
 
-def camera_rows(viewpoint: Viewpoint) -> np.ndarray:
-    """(5, 3) float32: EYE [m], RIGHT, UP, FORWARD, and LENS, which holds the focal length."""
+def camera_rows(viewpoint: Viewpoint, scene: Scene) -> np.ndarray:
+    """(8, 3) float32: EYE [m], RIGHT, UP, FORWARD; LENS, which holds the focal length; colours of FLOOR and sky."""
     right, up, back = viewpoint.axes()
     focal = 1.0 / np.tan(np.radians(viewpoint.fov) / 2.0)
-    return np.array([viewpoint.eye, right, up, -back, [focal, 0.0, 0.0]], np.float32)
+    colors = palette.ground(scene), scene.background.top, scene.background.bottom
+    return np.array([viewpoint.eye, right, up, -back, [focal, 0.0, 0.0], *colors], np.float32)
 
 
 @ti.func
@@ -31,7 +31,7 @@ def backdrop(p, camera: ti.template()):
     d = p - row(camera, EYE)
     depth = ti.max(d.dot(row(camera, FORWARD)), MIN_DEPTH)
     height = 0.5 + 0.5 * camera[LENS, FOCAL] * d.dot(row(camera, UP)) / depth
-    return mix(SKY_LOW, SKY_TOP, clamp(height, 0.0, 1.0))
+    return mix(row(camera, SKY_LOW), row(camera, SKY_TOP), clamp(height, 0.0, 1.0))
 
 
 @ti.func
@@ -39,7 +39,7 @@ def ground(p, n, camera: ti.template()):
     """A floor under a soft sky; it fades into the background before it ends REACH [m] from the origin."""
     light = 0.80 + 0.20 / KEY[1] * ti.max(n.dot(KEY), 0.0)
     fade = smoothstep(0.22 * REACH, 0.96 * REACH, ti.sqrt(p[0] * p[0] + p[2] * p[2]))
-    return mix(FLOOR * light, backdrop(p, camera), fade)
+    return mix(row(camera, FLOOR) * light, backdrop(p, camera), fade)
 
 
 @ti.func
@@ -49,13 +49,13 @@ def gloss(n, to_eye, sharpness):
 
 
 @ti.func
-def matte(p, n, camera: ti.template()):
+def matte(albedo, p, n, camera: ti.template()):
     """A satin solid under a soft sky, with the lamp and a pale rim."""
     to_eye = (row(camera, EYE) - p).normalized(1e-20)
     sky = 0.62 + 0.18 * n[1]
     lamp = 0.36 * ti.max((n.dot(KEY) + 0.25) / 1.25, 0.0)
     rim = 0.16 * (1.0 - ti.max(n.dot(to_eye), 0.0)) ** 3
-    return ti.min(SOLID * (sky + lamp) + rim + 0.22 * gloss(n, to_eye, 40.0), 1.0)
+    return ti.min(albedo * (sky + lamp) + rim + 0.22 * gloss(n, to_eye, 40.0), 1.0)
 
 
 @ti.func

@@ -4,12 +4,16 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.scene.body import Body
+from taichi_jello.scene.description import Scene
+from taichi_jello.scene.region import places
 from taichi_jello.view.drawing import palette
 from taichi_jello.view.drawing.embedded import Embedded
 from taichi_jello.view.drawing.primitives import Triangles
 from taichi_jello.view.drawing.rows import Array1, Array2, Index1, Index2, face_normal, put, row, vec3
 from taichi_jello.view.drawing.shading import EYE, gel
 from taichi_jello.view.drawing.subdivide import subdivide
+
+SOFT = 0.06  # of a jello's size: how wide a region's colour fades out
 
 
 @ti.kernel
@@ -60,7 +64,7 @@ def shade(x: Array2, normal: Array2, albedo: Array2, index: Index2, camera: Arra
 class Skin:
     """`triangles` in the order to blend them: the farthest jello first, inner sides before outer ones."""
 
-    def __init__(self, body: Body, embedded: Embedded | None = None):
+    def __init__(self, scene: Scene, body: Body, embedded: Embedded | None = None):
         self.surface = np.ascontiguousarray(body.bare_surface, np.int32)
         self.fine = subdivide(body.rest, self.surface) if len(self.surface) else None
         self.embedded = embedded
@@ -73,13 +77,31 @@ class Skin:
             jello.append(embedded.jello)
             index.append(embedded.index + self.count)
         owner, self.index = np.concatenate(jello), np.ascontiguousarray(np.concatenate(index), np.int32)
-        self.albedo = palette.SKINS[owner % len(palette.SKINS)].astype(np.float32)
         self.owner = owner[self.index[:, 0]]
         self.triangles = Triangles.empty(len(owner), self.index)
         self.normal = np.zeros((len(owner), 3), np.float32)
         self._away = np.zeros(len(self.index), np.float32)
         self._flat = np.zeros((len(self.surface), 3), np.float32)
         self._corner = np.zeros((3 * len(self.surface), 3), np.float32)
+        self.albedo, self.varied = self._painted(scene, body, owner)
+
+    def _painted(self, scene: Scene, body: Body, owner: np.ndarray) -> tuple[np.ndarray, bool]:
+        """(V, 3) float32: display colours of the points, of their jellos and regions; whether any region has one."""
+        colors = np.array([palette.skin(jello, number) for number, jello in enumerate(scene.jello)])[owner]
+        regions = [(n, part) for n, jello in enumerate(scene.jello) for part in jello.region if part.color is not None]
+        if regions:
+            rest = np.zeros((len(owner), 3))
+            if self.fine is not None:
+                rest[: self.count] = np.einsum("vk,vki->vi", self.fine.share, body.rest[self.fine.parent])
+            if self.embedded is not None:
+                points = np.zeros((len(owner) - self.count, 3), np.float32)
+                self.embedded.update(body.rest.astype(np.float32), points)
+                rest[self.count :] = points
+        for number, part in regions:
+            own = owner == number
+            share = part.share(places(body.rest[body.jello == number], rest[own]), SOFT)[:, None]
+            colors[own] += share * (np.array(part.color) - colors[own])
+        return colors.astype(np.float32), bool(regions)
 
     def place(self, x: np.ndarray, skin: np.ndarray) -> None:
         """Move the vertices to the particles at x (N, 3) and the points of embedded skins at skin (P, 3) [m]."""

@@ -1,18 +1,17 @@
 """Springs as lines, coloured by force, strain, stiffness or family."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from taichi_jello.physics.forces.springs.spring_state import SpringState
 from taichi_jello.scene.body import FAMILY_NAMES, Body
+from taichi_jello.scene.description import Scene
 from taichi_jello.view.drawing import palette
 from taichi_jello.view.drawing.primitives import Lines
+from taichi_jello.view.drawing.scale import Scale
 from taichi_jello.view.drawing.shading import clip
 
-PERCENTILE = 95.0  # of the values that the scale spans: one extreme corner must not dim the rest
-MIN_STRAIN = 0.005  # the least end of a scale, so that rounding noise in a body at rest stays blue
 SHADES = 256
 SPARSE = 600  # springs up to which a body shows them all
 
@@ -33,14 +32,6 @@ def ramp_table() -> np.ndarray:
     at = np.linspace(0.0, 1.0, SHADES)
     knots = np.linspace(0.0, 1.0, len(palette.FORCE_RAMP))
     return np.stack([np.interp(at, knots, channel) for channel in palette.FORCE_RAMP.T], 1).astype(np.float32)
-
-
-def round_up(value: float) -> float:
-    """The next of 1, 2 and 5 times a power of ten: a scale that changes in steps does not flicker."""
-    if not np.isfinite(value) or value <= 0.0:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(next(step * power for step in (1.0, 2.0, 5.0, 10.0) if value <= step * power * (1.0 + 1e-6)))
 
 
 def spring_forces(
@@ -66,24 +57,23 @@ def layers(body: Body) -> np.ndarray:
 
 class Springs:
     """The springs of a body as `lines`, and `key`, the meaning of their colours.
-    Of a dense body only layer 0 is drawn, by family also layer 1, and all if `everything`. The scale covers the springs
-    drawn. load (S,): the force [N] or strain of each; scale: factors on the body's stiffness and damping."""
+    Of a dense body only layer 0 is drawn, by family also layer 1, and all if `everything`. load (S,): the force [N] or
+    strain of each; scale: factors on the body's stiffness and damping; ends: of colour scales."""
 
-    def __init__(self, body: Body):
+    def __init__(self, scene: Scene, body: Body):
         layer = layers(body)
         self._order = np.argsort(layer, kind="stable")
         self.pairs = np.ascontiguousarray(body.springs[self._order], np.int32)
         self.set_state(SpringState(body.stiffness, body.rest_length, body.damping))
         self.families = np.minimum(body.family, 3).astype(np.intp)[self._order]
         self.everything = False
-        self.scale = (1.0, 1.0)
+        self.scale, self.ends = (1.0, 1.0), Scale(scene, body)
         self.load = np.zeros(0, np.float32)
         self.lines = Lines.empty(0)
         self.key = Key()
         self._counts = np.searchsorted(layer[self._order], [1, 2])
         self._all = Lines.empty(len(self.pairs))
         self._ramp = ramp_table()
-        self._min_force = MIN_STRAIN * float(np.median(body.rest_length * body.stiffness))
 
     def set_state(self, state: SpringState) -> None:
         """Draw springs of these rest lengths and coefficients from now on."""
@@ -106,32 +96,23 @@ class Springs:
         elif color == "plain":
             rgb, self.key = palette.PLAIN, Key()
         elif color == "stiffness":
-            rgb, self.key = self._ramped(stiffness, float(stiffness.max(initial=0.0)), "stiffness", "N/m")
+            rgb, self.key = self._ramped(stiffness, "stiffness", "stiffness", "N/m")
         elif color == "strain":
             change = np.abs(np.sqrt(np.einsum("ij,ij->i", b - a, b - a)) - rest)
             used = (rest > 0.0) & ~self._torn[:shown]
-            strain = np.divide(change, rest, out=np.zeros_like(change), where=used)
-            rgb, self.key = self._by_load(strain, MIN_STRAIN, "strain", "%", 100.0)
+            self.load = np.divide(change, rest, out=np.zeros_like(change), where=used)
+            rgb, self.key = self._ramped(self.load, "strain", "strain", "%", 100.0)
         else:
-            force = spring_forces(b - a, v[j] - v[i], rest, stiffness, damping)
-            rgb, self.key = self._by_load(force, self._min_force, "spring force", "N")
+            self.load = spring_forces(b - a, v[j] - v[i], rest, stiffness, damping)
+            rgb, self.key = self._ramped(self.load, "force", "spring force", "N")
         self.lines.rgb.reshape(-1, 2, 3)[:] = rgb
 
-    def _by_load(self, load: np.ndarray, most: float, *names: Any) -> tuple[np.ndarray, Key]:
-        """From zero to the PERCENTILE of the loads, at least `most`."""
-        self.load = np.where(np.isfinite(load), load, np.float32(np.inf))
-        if len(load):
-            rank = min(len(load) - 1, int(len(load) * PERCENTILE / 100.0))
-            most = max(float(np.partition(self.load, rank)[rank]), most)
-        return self._ramped(self.load, most, *names)
-
-    def _ramped(
-        self, values: np.ndarray, most: float, title: str, unit: str, per: float = 1.0
-    ) -> tuple[np.ndarray, Key]:
-        """Colours (S, 1, 3) from zero to `most`, rounded up, and their key; per: factor from values to `unit`."""
-        most = round_up(most)
-        shade = np.minimum(values * ((SHADES - 1) / most), SHADES - 1).astype(np.intp)
-        return self._ramp[shade][:, None], Key(title, unit, per * most, self._ramp)
+    def _ramped(self, load: np.ndarray, color: str, title: str, unit: str, per: float = 1.0) -> tuple[np.ndarray, Key]:
+        """Colours (S, 1, 3) of loads from zero to the end of the scale, and their key; per: from loads to `unit`."""
+        load = np.where(np.isfinite(load), load, np.float32(np.inf))
+        end = self.ends.of(color, load[np.isfinite(load)], per)
+        shade = np.minimum(load * ((SHADES - 1) / end), SHADES - 1).astype(np.intp)
+        return self._ramp[shade][:, None], Key(title, unit, per * end, self._ramp)
 
     def _by_family(self, families: np.ndarray) -> tuple[np.ndarray, Key]:
         names = tuple((FAMILY_NAMES[f], palette.FAMILIES[f]) for f in np.unique(families))

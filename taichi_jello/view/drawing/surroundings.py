@@ -1,11 +1,12 @@
 """Colliders: floors whose grid fades into the distance, and solid obstacles."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import taichi as ti
 
-from taichi_jello.scene.description import Collider, Scene
+from taichi_jello.scene.description import Collider
 from taichi_jello.view.drawing import palette
 from taichi_jello.view.drawing.primitives import Lines, Triangles
 from taichi_jello.view.drawing.rows import Array2, Index1, put, row
@@ -38,23 +39,23 @@ class Surface:
 
 
 @ti.kernel
-def shade(x: Array2, normal: Array2, solid: Index1, camera: Array2, rgb: Array2):
-    """The colours of points on colliders: obstacles where `solid`, else floors."""
+def shade(x: Array2, normal: Array2, solid: Index1, albedo: Array2, camera: Array2, rgb: Array2):
+    """The colours of points on colliders: obstacles with this albedo where `solid`, else floors."""
     ti.loop_config(block_dim=256)
     for i in range(x.shape[0]):
         p, n = row(x, i), row(normal, i)
         color = ground(p, n, camera)
         if solid[i]:
-            color = matte(p, n, camera)
+            color = matte(row(albedo, i), p, n, camera)
         put(rgb, i, color)
 
 
 class Surroundings:
-    """All colliders of a scene as opaque `triangles` and grid `lines`; both share one array of points."""
+    """Colliders as opaque `triangles` and grid `lines`; both share one array of points."""
 
-    def __init__(self, scene: Scene):
-        self.surfaces = [Surface.of(collider) for collider in scene.collider]
-        ends, fades = zip(*(_grid(collider) for collider in scene.collider), strict=True)
+    def __init__(self, colliders: Sequence[Collider]):
+        self.surfaces = [Surface.of(collider) for collider in colliders]
+        ends, fades = zip(*(_grid(collider) for collider in colliders), strict=True)
         meshes = [s.points for s in self.surfaces]
         starts = np.cumsum([0, *map(len, meshes)])
         vertices, numbers = int(starts[-1]), np.arange(len(meshes))
@@ -65,6 +66,7 @@ class Surroundings:
         self._owner = np.repeat(np.tile(numbers, 2), [len(part) for part in (*meshes, *ends)])
         solid = np.array([not s.planar for s in self.surfaces])[self._owner]
         self._solid = (solid & (np.arange(len(solid)) < vertices)).astype(np.int32)
+        self._albedo = np.array([palette.obstacle(each) for each in colliders], np.float32)[self._owner]
         self._fade = np.concatenate(fades)[:, None]
         self._x, self._rgb = np.zeros_like(self._base), np.zeros_like(self._base)
 
@@ -91,7 +93,7 @@ class Surroundings:
         self._last = now
         np.add(self._base, origins[self._owner], out=self._x)
         if len(self._x):
-            shade(self._x, self._normal, self._solid, camera, self._rgb)
+            shade(self._x, self._normal, self._solid, self._albedo, camera, self._rgb)
         self.triangles.rgba[:, :3] = self._rgb[: len(self.triangles.x)]
         self.lines.rgb[:] += (palette.GRID - self.lines.rgb) * self._fade
         clip(self.lines.x, camera)

@@ -1,5 +1,6 @@
 """The frames of a film: which moment each one shows, and its picture or mesh."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -38,10 +39,13 @@ def open_film_renderer(name: str, size: tuple[int, int]) -> Renderer:
 
 
 class Pictures:
-    """Pictures of a simulation, (height, width, 3) uint8; close() when done."""
+    """Pictures of a simulation, (height, width, 3) uint8; close() when done. orbit: turns a second of the camera, in
+    place of the scene's."""
 
-    def __init__(self, simulation: Run, size: tuple[int, int], renderer: str = "auto"):
+    def __init__(self, simulation: Run, size: tuple[int, int], renderer: str = "auto", orbit: float | None = None):
         self.simulation, self.drawing = simulation, drawing_of(simulation, size)
+        if orbit is not None:
+            self.drawing.camera = replace(self.drawing.camera, orbit=orbit)
         self.renderer = open_film_renderer(renderer, size)
 
     def take(self) -> np.ndarray:

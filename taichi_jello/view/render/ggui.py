@@ -7,10 +7,10 @@ import numpy as np
 import taichi as ti
 from taichi.ui.utils import get_field_info
 
+from taichi_jello.scene.look import Background
 from taichi_jello.support import runtime
 from taichi_jello.support.runtime import RuntimeProblem, has_vulkan
 from taichi_jello.view.camera import FAR, NEAR, UP, Viewpoint
-from taichi_jello.view.drawing import palette
 from taichi_jello.view.drawing.drawing import Drawing
 from taichi_jello.view.drawing.primitives import ROWS, Triangles
 from taichi_jello.view.render.display import display_problem
@@ -71,7 +71,6 @@ class Ggui:
             self.window = ti.ui.Window(self._title, full, vsync=self._shown, show_window=self._shown, pos=(0, 0))
         self.canvas = self.window.get_canvas()
         self._frames = 0
-        self._background = _background()
 
     def draw(self, drawing: Drawing, viewpoint: Viewpoint) -> None:
         runtime.check(self._runtime)
@@ -82,7 +81,8 @@ class Ggui:
         self._kept: list[np.ndarray] = []  # what GGUI reads when it draws the scene
         width, height = self.window.get_window_shape()
         # A flat picture costs Mesa's software driver a third of what a mesh behind everything does.
-        self.canvas.canvas.triangles(get_field_info(self._background), get_field_info(None), True, WHITE)
+        self._kept.append(_background(drawing.scene.background))
+        self.canvas.canvas.triangles(get_field_info(self._kept[0]), get_field_info(None), True, WHITE)
         scene = self.window.get_scene()
         self._aim(scene, viewpoint)
         for line_width in sorted({batch.width for batch in drawing.lines}):
@@ -163,12 +163,13 @@ class Ggui:
         self._folder.cleanup()
 
 
-def _background() -> np.ndarray:
+def _background(background: Background) -> np.ndarray:
     """Two triangles that fill the picture with the background's two colours."""
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]], float)
     rows = vertices(6)
     rows[:, :2] = corners
-    rows[:, COLOR] = palette.SKY_LOW + corners[:, 1:] * (palette.SKY_TOP - palette.SKY_LOW)
+    low, top = np.array(background.bottom), np.array(background.top)
+    rows[:, COLOR] = low + corners[:, 1:] * (top - low)
     return rows
 
 

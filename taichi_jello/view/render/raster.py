@@ -15,7 +15,7 @@ from taichi_jello.view.camera import NEAR, Viewpoint
 from taichi_jello.view.drawing.drawing import Drawing
 from taichi_jello.view.drawing.primitives import ROWS
 from taichi_jello.view.drawing.shading import MIN_DEPTH
-from taichi_jello.view.render.cast import DEEP, Gels, Solids, Strokes, studio_for
+from taichi_jello.view.render.cast import DEEP, Gels, Solids, Strokes, casters_of, studio_for
 from taichi_jello.view.render.pixels import buffers, develop, gel, stage, strokes
 from taichi_jello.view.render.pixels.clipping import clipped
 from taichi_jello.view.render.pixels.soft_shadow import Shadow
@@ -78,7 +78,7 @@ class Raster:
         if drawing.skin is None:
             self._gels = None
         elif self._gels is None or self._gels.skin is not drawing.skin:
-            self._gels = Gels(drawing.body, drawing.skin)
+            self._gels = Gels(drawing.scene, drawing.body, drawing.skin)
         self._cast_shadow(drawing)
         visible = drawing.skin is not None and "skin" not in drawing.hidden
         bodies = self._gels if visible else None
@@ -104,9 +104,9 @@ class Raster:
             part.seen = b""
 
     def _cast_shadow(self, drawing: Drawing) -> None:
-        if self._gels is not None and self._studio[1, 2] > 0.0:
-            x, faces, kind = self._gels.casters(drawing)
-            self._shadow.update(x, faces, kind, self._gels.absorption, self._floor)
+        casters = casters_of(drawing, self._gels, self._studio)
+        if casters is not None:
+            self._shadow.update(*casters, self._floor)
 
     def _set(self, part: Stage, view: np.ndarray, solids: Solids) -> bool:
         """Draw the stage anew if the eye or a collider has moved since; whether it was."""
@@ -114,7 +114,7 @@ class Raster:
         if seen == part.seen:
             return False
         part.seen, part.view = seen, view
-        x, normal, faces, screen = self._projected(view, solids.x, solids.normal, solids.faces)
+        x, faces, screen, normal, rgb = self._projected(view, solids.x, solids.faces, solids.normal, solids.rgb)
         stage.clear(self._keys)
         size = float(self._studio[1, 0])
         extent = float(np.ptp(solids.x, axis=0).max()) if len(solids.x) else size
@@ -123,21 +123,22 @@ class Raster:
             buffers.nearest(screen, faces, self._keys)
             shadow.update(solids.x, solids.faces, np.zeros(len(solids.faces), np.int32), BLACK, self._floor)
         shadow_of = shadow.grid, shadow.light
-        stage.stage(view, self._studio, *shadow_of, x, normal, faces, self._keys, part.colors, part.depths)
+        stage.stage(view, self._studio, *shadow_of, x, normal, faces, rgb, self._keys, part.colors, part.depths)
         return True
 
     def _projected(
-        self, view: np.ndarray, x: np.ndarray, normal: np.ndarray, faces: np.ndarray
+        self, view: np.ndarray, x: np.ndarray, faces: np.ndarray, *rows: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """A mesh and where its points are on the screen; what is behind the eye is cut off."""
+        """A mesh, where its points are on the screen, and their `rows`; what is behind the eye is cut off."""
         screen = np.zeros_like(x)
         if len(x):
             buffers.project(view, x, screen)
             if screen[:, 2].min() <= MIN_DEPTH:
-                faces, x, normal = clipped(screen[:, 2], faces, x, normal)
+                faces, x, *cut = clipped(screen[:, 2], faces, x, *rows)
+                rows = tuple(cut)
                 screen = np.zeros_like(x)
                 buffers.project(view, x, screen)
-        return x, normal, faces, screen
+        return x, faces, screen, *rows
 
     def _draw_sample(self, number: int, bodies: Gels | None, lines: Strokes, region: np.ndarray) -> None:
         picture, count = self._stages[number], len(self._stages)
@@ -156,7 +157,7 @@ class Raster:
         develop.compose(*inked, *seen, region, self._mean, part, self._image, int(number == count - 1))
 
     def _draw_bodies(self, picture: Stage, bodies: Gels) -> None:
-        view, x, normal = picture.view, bodies.x(), bodies.normal
+        view, x, normal, tint = picture.view, bodies.x(), bodies.normal, bodies.tint
         scene = picture.scene, picture.scene_depths
         screen = np.zeros_like(x)
         buffers.project(view, x, screen)
@@ -164,15 +165,15 @@ class Raster:
         for k in np.argsort(away, kind="stable"):
             first, last = bodies.first[k], bodies.first[k + 1]
             seen, box = screen[bodies.points[k]], self._box_of(screen[bodies.points[k]])
-            mesh, places = [x, normal, bodies.faces], screen
+            mesh, places = [x, normal, tint, bodies.faces], screen
             if seen[:, 2].min() <= MIN_DEPTH:
-                *mesh, places = self._projected(view, x, normal, bodies.faces[first:last])
-                first, last = 0, len(mesh[2])
+                cut, faces, places, *rows = self._projected(view, x, bodies.faces[first:last], normal, tint)
+                mesh, first, last = [cut, *rows, faces], 0, len(faces)
             if last > first and np.all(box[1] > box[0]):
                 run = np.array([first, last, *box[0], *box[1]], np.int32)
-                buffers.layers(places, mesh[2], run, self._front, self._back, self._thick)
+                buffers.layers(places, mesh[3], run, self._front, self._back, self._thick)
                 surface = *mesh, run, self._front, self._back, self._thick
-                gel.shade(view, self._studio, bodies.gel[k], *surface, *scene, self._shaded)
+                gel.shade(view, self._studio, bodies.gel[k], bodies.varied, *surface, *scene, self._shaded)
                 gel.settle(run, self._front, self._shaded, *scene, picture.tops)
 
     def _box(self, view: np.ndarray, x: np.ndarray) -> np.ndarray:

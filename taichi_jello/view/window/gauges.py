@@ -8,7 +8,8 @@ import numpy as np
 
 from taichi_jello.physics.forces.springs.spring_state import springs_at
 from taichi_jello.view.drawing import palette
-from taichi_jello.view.drawing.springs import round_up, spring_forces
+from taichi_jello.view.drawing.scale import round_up
+from taichi_jello.view.drawing.springs import spring_forces
 from taichi_jello.view.render.legend import MARGIN, TEXT, Sheet
 from taichi_jello.view.render.renderers import Run
 from taichi_jello.view.render.strokefont import text_width

@@ -198,8 +198,14 @@ def shares(view: ti.template(), x: ti.template(), faces: ti.template(), t, way):
 
 
 @ti.func
-def smooth_normal(normal: ti.template(), faces: ti.template(), t, share):
-    n = vec3(0.0)
+def mean_at(values: ti.template(), faces: ti.template(), t, share):
+    """The rows of a triangle's corners, each with its share."""
+    total = vec3(0.0)
     for k in ti.static(range(3)):
-        n += share[k] * row(normal, faces[t, k])
-    return n.normalized(1e-20)
+        total += share[k] * row(values, faces[t, k])
+    return total
+
+
+@ti.func
+def smooth_normal(normal: ti.template(), faces: ti.template(), t, share):
+    return mean_at(normal, faces, t, share).normalized(1e-20)

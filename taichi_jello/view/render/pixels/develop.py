@@ -9,6 +9,8 @@ from taichi_jello.view.render.pixels.buffers import FAR, depth_of, number_of
 from taichi_jello.view.render.pixels.strokes import across_stroke, coverage
 
 KNEE = 0.72  # radiances up to here stay as they are
+RIM, PALE = 1.0, 0.7  # the outline of a stroke, in pixels at most, and its radiance
+THICK = 4.0  # pixels of radius from which on a stroke needs none
 TILE = (16, 64)  # columns and rows
 
 
@@ -42,10 +44,13 @@ def noise(x, y):
 
 @ti.func
 def rod(rgb, place):
-    """The colour of a round rod or bead, lit from the eye, at a distance of place[0] radii from its middle."""
+    """The colour of a round rod or bead, lit from the eye, at a distance of place[0] radii from its middle, in a
+    pale outline, which sets it off from a body of its own colour."""
     linear = rgb**2.2
     high = ti.sqrt(ti.max(1.0 - place[0] * place[0], 0.0))
-    return linear * (0.3 + 0.8 * high) + 0.06 * high**16
+    rim = ti.min(RIM, 0.4 * place[1]) * clamp(2.0 - place[1] / THICK, 0.0, 1.0)
+    inner = clamp((1.0 - place[0]) * place[1] / ti.max(rim, 1e-3), 0.0, 1.0)
+    return mix(vec3(PALE), linear * (0.3 + 0.8 * high) + 0.06 * high**16, inner)
 
 
 @ti.kernel

@@ -10,12 +10,14 @@ it [m]).
 import numpy as np
 import taichi as ti
 
+from taichi_jello.view.drawing import palette
 from taichi_jello.view.drawing.rows import Array2, Colors, Counts, Depths, Index1, Index2, Keys, row, vec3
 from taichi_jello.view.render.pixels.buffers import (
     EYE,
     FAR,
     UNIT,
     depth_of,
+    mean_at,
     number_of,
     on_screen,
     ray,
@@ -37,15 +39,25 @@ CLEAR_AT = 0.55  # of a body's size: the way on which light takes on the body's 
 PALEST, DARKEST = 0.94, 0.02  # of a colour's channels
 CLOUDY = 2.2  # 1/size: how fast scattered light reaches its full colour
 GRAZING = 0.03  # the least cosine between a ray and a normal
+CLOTH = 0.2  # what a sheet reflects, of what the smooth surface of a solid does
 FAINTEST = 0.01  # the part of the light that a ray is followed for
+GLOWING, FAINT = 0.46, 0.008  # scattered light, of the body's colour, and for any
 ABSORPTION, GLOW, SIZES = 0, 1, 2  # rows of `gel`
 
 
 def gel_of(rgb: np.ndarray, size: float, sheet: float, behind: float) -> np.ndarray:
     """(3, 3) float32 of a body with the display colour rgb (3,)."""
-    linear = np.asarray(rgb, float) ** 2.2
+    linear = np.asarray(rgb, float) ** palette.GAMMA
     absorption = -np.log(linear.clip(DARKEST, PALEST)) / (CLEAR_AT * size)
-    return np.array([absorption, 0.46 * linear + 0.008, [size, sheet, behind]], np.float32)
+    return np.array([absorption, GLOWING * linear + FAINT, [size, sheet, behind]], np.float32)
+
+
+@ti.func
+def tinted(gel: ti.template(), rgb):
+    """`gel` with the linear colour rgb, as `gel_of` makes it."""
+    sizes = row(gel, SIZES)
+    absorption = -ti.log(ti.math.clamp(rgb, DARKEST, PALEST)) / (CLEAR_AT * sizes[0])
+    return ti.Matrix.rows([absorption, GLOWING * rgb + FAINT, sizes])
 
 
 @ti.func
@@ -147,7 +159,8 @@ def lit(
 ):
     """The colour of a body seen along d: light enters or is reflected at p, where its normal is n, goes along `inner`
     inside, and leaves at q or is reflected there, where the normal is m."""
-    glossy, length = schlick(-d.dot(n)), (q - p).norm()
+    glossy = schlick(-d.dot(n)) * ti.select(gel[SIZES, 1] > 0.0, CLOTH, 1.0)
+    length = (q - p).norm()
     passed = ti.exp(-row(gel, ABSORPTION) * length)
     leaving = refracted(inner, m, INDEX)
     out = vec3(leaving[0], leaving[1], leaving[2])
@@ -175,8 +188,10 @@ def shade(
     view: Array2,
     studio: Array2,
     gel: Array2,
+    varied: ti.i32,
     x: Array2,
     normal: Array2,
+    tint: Array2,
     faces: Index2,
     run: Index1,
     front: Keys,
@@ -187,7 +202,8 @@ def shade(
     shaded: Colors,
 ):
     """The colours `shaded` of the pixels of `run` (see `layers`) in which a body is nearest; `scene` and `depths` show
-    what is behind it. The first channel is -1 where the body is not seen."""
+    what is behind it. The first channel is -1 where the body is not seen. A body that is `varied` has the mean of the
+    linear colours `tint` of its points where light enters and leaves."""
     ti.loop_config(block_dim=4)
     for y in range(run[3], run[5]):
         for c in range(run[2], run[4]):
@@ -197,7 +213,8 @@ def shade(
                 way, t = ray(view, float(c), float(y)), number_of(front[y, c])
                 long = way.norm()
                 d, p = way / long, row(view, EYE) + way * depth
-                n = turned(smooth_normal(normal, faces, t, shares(view, x, faces, t, way)), d)
+                share = shares(view, x, faces, t, way)
+                n = turned(smooth_normal(normal, faces, t, share), d)
                 bent = refracted(d, n, 1.0 / INDEX)
                 inner = vec3(bent[0], bent[1], bent[2])
                 straight = ti.math.clamp(thick[y, c] * UNIT, 0.0, ti.max(depths[y, c] - depth, 0.0)) * long
@@ -206,7 +223,15 @@ def shade(
                 q = p + inner * ti.max(inside[0], sizes[1] / ti.max(-inner.dot(n), 0.3))
                 leave = back[int(inside[1]), int(inside[2])]
                 m = inner_normal(view, x, normal, faces, leave, inside[1], inside[2], inner)
-                color = lit(view, studio, gel, scene, depths, d, p, n, inner, q, m)
+                own = ti.Matrix.rows([row(gel, k) for k in ti.static(range(3))])
+                if varied:
+                    rgb = mean_at(tint, faces, t, share)
+                    if leave >= 0:
+                        far = number_of(leave)
+                        there = shares(view, x, faces, far, ray(view, inside[2], inside[1]))
+                        rgb = 0.5 * (rgb + mean_at(tint, faces, far, there))
+                    own = tinted(own, rgb)
+                color = lit(view, studio, own, scene, depths, d, p, n, inner, q, m)
                 for k in ti.static(range(3)):
                     shaded[y, c, k] = color[k]
 

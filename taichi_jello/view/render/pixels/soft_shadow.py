@@ -119,7 +119,7 @@ def light_at(grid: ti.template(), light: ti.template(), p):
     if u >= 0.0 and v >= 0.0 and u < CELLS - 1 and v < CELLS - 1:
         i, j = int(v), int(u)
         a, b = v - i, u - j
-        if light[i, j, 3] >= place[2] - 1e-3:
+        if light[i, j, 3] >= place[2] - grid[1, 0]:  # a cell's width: bodies rest on solids and sink in a little
             for k in ti.static(range(3)):
                 low = ti.math.mix(light[i, j, k], light[i, j + 1, k], b)
                 left[k] = ti.math.mix(low, ti.math.mix(light[i + 1, j, k], light[i + 1, j + 1, k], b), a)

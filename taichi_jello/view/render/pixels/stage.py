@@ -15,7 +15,9 @@ from taichi_jello.view.render.pixels.buffers import (
     smooth_normal,
 )
 from taichi_jello.view.render.pixels.soft_shadow import light_at
-from taichi_jello.view.render.pixels.studio import AMBIENT, SOLID, around, diffuse, floor_way, haze, lamps, schlick
+from taichi_jello.view.render.pixels.studio import AMBIENT, around, diffuse, floor_way, haze, lamps, schlick
+
+LEVEL = 1e-5  # of its distance: a solid's face that lies in the floor by less than that is a part of it
 
 
 @ti.kernel
@@ -35,12 +37,13 @@ def stage(
     x: Array2,
     normal: Array2,
     faces: Index2,
+    rgb: Array2,
     keys: Keys,
     scene: Colors,
     depths: Depths,
 ):
-    """The nearest triangles in `keys` as solids, and the studio elsewhere with the solids' shadows: linear colours and
-    depths [m]."""
+    """The nearest triangles in `keys` as solids with the albedo rgb of their corners, and the studio elsewhere with the
+    solids' shadows: linear colours and depths [m]."""
     ti.loop_config(block_dim=4)
     for y in range(keys.shape[0]):
         for c in range(keys.shape[1]):
@@ -50,12 +53,12 @@ def stage(
             reach, shade = floor_way(studio, eye, d), vec3(1.0)
             level = ti.select(reach >= 0.0, reach / way.norm(), FAR)
             start, toward, matte, glossy = eye, d, vec3(0.0), 1.0
-            thing = depth < level
+            thing = depth < level * (1.0 - LEVEL)
             if thing:  # a glazed solid
                 t = number_of(keys[y, c])
                 n = smooth_normal(normal, faces, t, shares(view, x, faces, t, way))
                 start, toward = eye + way * depth, d - 2.0 * d.dot(n) * n
-                matte = SOLID * (AMBIENT * (0.65 + 0.35 * n[1]) + 0.75 * diffuse(studio, start, n, 0.2))
+                matte = row(rgb, faces[t, 0]) * (AMBIENT * (0.65 + 0.35 * n[1]) + 0.75 * diffuse(studio, start, n, 0.2))
                 glossy = 0.03 + schlick(-d.dot(n))
             else:
                 depth = ti.min(level, FAR)

@@ -1,6 +1,6 @@
 """The studio around every scene, as formulas: a checkered floor that ends in haze, a sky, two soft lamps.
 
-`studio`, (6, 3) float32, is made by `studio_of`. Colours are linear radiances; 1 is a white that the picture just
+`studio`, (10, 3) float32, is made by `studio_of`. Colours are linear radiances; 1 is a white that the picture just
 holds. p is a point [m], d a direction of length 1.
 """
 
@@ -10,10 +10,10 @@ from taichi.math import clamp, mix, smoothstep
 
 from taichi_jello.view.drawing.rows import row, vec3
 
-ZENITH, HORIZON, NADIR = vec3(0.23, 0.29, 0.38), vec3(0.47, 0.51, 0.57), vec3(0.34, 0.37, 0.42)
-LIGHT_TILE, DARK_TILE = vec3(0.56, 0.57, 0.60), vec3(0.44, 0.46, 0.50)
+LOW = 0.2  # the sine of the height at which the sky is about half of its lower colour and half of its upper one
+NADIR = 0.73  # what comes from below where there is no floor, of what comes from the horizon
+DARKER = np.array([0.786, 0.807, 0.833])  # every other tile of a checkered floor, of the others
 AMBIENT = vec3(0.42, 0.45, 0.50)  # what the whole sky adds to a surface that faces up, of its albedo
-SOLID = vec3(0.46, 0.50, 0.55)
 LAMP = vec3(1.0, 0.985, 0.96)
 GLARE = 10.0  # the radiance of the first lamp, seen in reflections
 SECOND = 0.55  # the second lamp's, of the first one's
@@ -22,19 +22,19 @@ INDEX = 1.35  # of refraction: gelatine with much water
 FACING = ((INDEX - 1.0) / (INDEX + 1.0)) ** 2  # reflected at a right angle
 HAZE = (1.1, 4.2)  # of the studio's size, from its middle: where the floor begins and ends to fade
 
-MIDDLE, SIZE, LAMPS, HALVES = 0, 1, 2, 4  # rows of `studio`
+MIDDLE, SIZE, LAMPS, HALVES, TILES, ZENITH, HORIZON = 0, 1, 2, 4, 6, 8, 9  # rows of `studio`
 
 
-def studio_of(middle: np.ndarray, size: float, floor: float | None) -> np.ndarray:
-    """(6, 3) float32: the middle of the floor; (size, side of a tile, 1 if there is a floor) [m]; the middles of two
-    lamps, that hang level, and halves of their sides."""
+def studio_of(middle: np.ndarray, size: float, floor: float | None, colors: np.ndarray) -> np.ndarray:
+    """(10, 3) float32: the middle of the floor; (size, side of a tile, 1 if there is a floor) [m]; the middles of two
+    lamps, that hang level, and halves of their sides; linear `colors` (4, 3): of two tiles, zenith and horizon."""
     tile = size / 12.0
     step = 10.0 ** np.floor(np.log10(tile))
     tile = step * min((1.0, 2.0, 2.5, 5.0, 10.0), key=lambda n: abs(n * step - tile))
     base = np.array([middle[0], middle[1] - 0.2 * size if floor is None else floor, middle[2]])
     lamps = base + size * np.array([[-0.22, 0.64, -0.55], [-0.55, 0.85, 0.45]])
     halves = size * np.array([[0.34, 0.0, 0.26], [0.17, 0.0, 0.21]])
-    return np.array([base, [size, tile, float(floor is not None)], *lamps, *halves], np.float32)
+    return np.array([base, [size, tile, float(floor is not None)], *lamps, *halves, *colors], np.float32)
 
 
 @ti.func
@@ -44,9 +44,11 @@ def schlick(cosine):
 
 
 @ti.func
-def sky(d):
-    up = mix(HORIZON, ZENITH, smoothstep(0.0, 0.75, d[1]))
-    return ti.select(d[1] >= 0.0, up, mix(HORIZON, NADIR, smoothstep(0.0, 0.6, -d[1])))
+def sky(studio: ti.template(), d):
+    level = row(studio, HORIZON)
+    high = ti.max(d[1], 0.0)
+    up = mix(level, row(studio, ZENITH), high * (1.0 + LOW) / (high + LOW))
+    return ti.select(d[1] >= 0.0, up, mix(level, NADIR * level, smoothstep(0.0, 0.6, -d[1])))
 
 
 @ti.func
@@ -89,7 +91,7 @@ def tiles(studio: ti.template(), p, blur):
     side = row(studio, SIZE)[1]
     soft = blur / side
     check = wave(p[0] / side, soft) * wave(p[2] / side, soft) * (1.0 - smoothstep(0.4, 1.6, soft))
-    return mix(DARK_TILE, LIGHT_TILE, 0.5 + 0.5 * check)
+    return mix(row(studio, TILES + 1), row(studio, TILES), 0.5 + 0.5 * check)
 
 
 @ti.func
@@ -112,10 +114,10 @@ def haze(studio: ti.template(), q):
 def around(studio: ti.template(), p, d, blur, shade):
     """The radiance that reaches p against the direction d, without lamps. blur: the angle of the ray's cone; shade:
     what shadows leave of the light on the floor."""
-    color, way = sky(d), floor_way(studio, p, d)
+    color, way = sky(studio, d), floor_way(studio, p, d)
     if way >= 0.0:
         q = p + d * way
         wide = blur * way / ti.max(ti.sqrt(-d[1]), 0.05)
         lit = tiles(studio, q, wide) * (AMBIENT + diffuse(studio, q, vec3(0.0, 1.0, 0.0), 0.0)) * shade
-        color = mix(lit, HORIZON, haze(studio, q))
+        color = mix(lit, row(studio, HORIZON), haze(studio, q))
     return color
