@@ -63,7 +63,7 @@ class Raster:
         self._thick = np.zeros(shape, np.int32)
         self._shaded = np.zeros((*shape, 3), np.float32)
         self._mean = np.zeros((*shape, 3) if samples > 1 else (1, 1, 3), np.float32)
-        self._image = np.zeros((*shape, 3), np.uint8)
+        self._image, self._table = np.zeros((*shape, 3), np.uint8), develop.srgb_table()
         self._columns: list[np.ndarray] = []
         self._drawing: Drawing | None = None
         self._gels: Gels | None = None
@@ -153,7 +153,7 @@ class Raster:
         inked = self._keys, ends, lines.rgb, fade
         seen = picture.scene, picture.depths, picture.tops
         part = (-1.0 if number == 0 else 1.0) / count
-        develop.compose(*inked, *seen, region, self._mean, part, self._image, int(number == count - 1))
+        develop.compose(*inked, *seen, region, self._mean, part, self._image, self._table, int(number == count - 1))
 
     def _draw_bodies(self, picture: Stage, bodies: Gels) -> None:
         view, x, normal = picture.view, bodies.x(), bodies.normal

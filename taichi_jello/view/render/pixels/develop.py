@@ -1,33 +1,42 @@
 """From linear radiances to the bytes of a picture: strokes over it, a curve for what is too bright, sRGB, and noise in
 the last bit that leaves no bands."""
 
+import numpy as np
 import taichi as ti
 from taichi.math import clamp, mix
 
-from taichi_jello.view.drawing.rows import Array2, Colors, Columns, Depths, Image, Index2, Keys, row, vec3
+from taichi_jello.view.drawing.rows import Array1, Array2, Colors, Columns, Depths, Image, Index2, Keys, row, vec3
 from taichi_jello.view.render.pixels.buffers import FAR, depth_of, number_of
 from taichi_jello.view.render.pixels.strokes import across_stroke, coverage
 
+STEPS = 1024  # of the table of display levels
 KNEE = 0.72  # radiances up to here stay as they are
 TILE = (16, 64)  # columns and rows
+
+
+def srgb_table() -> np.ndarray:
+    """(STEPS + 2,) float32: display levels from 0 to 255 of linear colours (k / STEPS)²."""
+    linear = (np.arange(STEPS + 2) / STEPS) ** 2
+    levels = np.where(linear < 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
+    return (255.0 * levels.clip(0.0, 1.0)).astype(np.float32)
 
 
 @ti.func
 def toned(color):
     """Radiances as parts of the brightest white: above KNEE by Reinhard's curve."""
-    over = ti.max(color - KNEE, 0.0) / (1.0 - KNEE)
-    return ti.min(color, KNEE) + (1.0 - KNEE) * over / (1.0 + over)
+    left = color
+    if color.max() > KNEE:
+        over = ti.max(color - KNEE, 0.0) / (1.0 - KNEE)
+        left = ti.min(color, KNEE) + (1.0 - KNEE) * over / (1.0 + over)
+    return left
 
 
 @ti.func
-def encoded(linear):
-    """sRGB, from 0 to 1, to a thousandth."""
-    color = clamp(linear, 0.0, 1.0)
-    a = ti.sqrt(color)
-    b = ti.sqrt(a)
-    return ti.select(
-        color < 0.0031308, 12.92 * color, 0.6620027 * a + 0.6841221 * b - 0.3235836 * ti.sqrt(b) - 0.0225411 * color
-    )
+def level(table: ti.template(), linear):
+    """The display level of a linear value from 0 to 1, between those of the table."""
+    at = ti.sqrt(clamp(linear, 0.0, 1.0)) * STEPS
+    k = ti.cast(at, ti.i32)
+    return mix(table[k], table[k + 1], at - k)
 
 
 @ti.func
@@ -61,11 +70,12 @@ def compose(
     mean: Colors,
     part: ti.f32,
     image: Image,
+    table: Array1,
     last: ti.i32,
 ):
     """Lay the strokes over the scene and add `part` of the toned picture to `mean`, or begin it at a part below zero;
-    with the last sample, write the image. A stroke is hidden behind `solid` and fades by `fade` [1/m] the deeper it
-    lies below `tops`."""
+    with the last sample, write the image by the `srgb_table`. A stroke is hidden behind `solid` and fades by `fade`
+    [1/m] the deeper it lies below `tops`."""
     ti.loop_config(block_dim=8)
     for y in range(box[0, 1], box[1, 1]):
         for x in range(box[0, 0], box[1, 0]):
@@ -84,9 +94,10 @@ def compose(
                 for k in ti.static(range(3)):
                     mean[y, x, k] = color[k]
             else:
-                levels = ti.min(255.0 * encoded(color) + noise(x, y), 255.0)
+                dither = noise(x, y)
                 for k in ti.static(range(3)):
-                    image[y, x, k] = ti.cast(ti.cast(levels[k], ti.i32), ti.u8)
+                    byte = ti.min(level(table, color[k]) + dither[k], 255.0)
+                    image[y, x, k] = ti.cast(ti.cast(byte, ti.i32), ti.u8)
 
 
 @ti.kernel
