@@ -21,6 +21,7 @@ from taichi_jello.view.render.pixels.clipping import clipped
 from taichi_jello.view.render.pixels.soft_shadow import Shadow
 
 SHIFTS = {1: [(0.0, 0.0)], 2: [(0.25, 0.125), (-0.125, 0.25), (0.125, -0.25), (-0.25, -0.125)]}  # pixels
+ARCHES_WITHOUT = ("vulkan", "metal")  # 64-bit atomics
 BLACK = np.full((1, 3), 1e3, np.float32)  # what opaque bodies absorb [1/m]
 
 
@@ -47,13 +48,14 @@ class Stage:
 
 
 class Raster:
-    """Draws into memory. size: (width, height) [pixels]; samples: 1, or 2 for four samples a pixel."""
+    """Draws into memory. size: (width, height) [pixels]; samples: 1, or 2 for four samples a pixel; picture (height,
+    width, 3) uint8: the last one, which the next one overwrites in part."""
 
     name = "raster"
 
     def __init__(self, size: tuple[int, int], samples: int = 2):
         self._runtime = runtime.current()
-        if self._runtime.arch in ("vulkan", "metal"):
+        if self._runtime.arch in ARCHES_WITHOUT:
             raise RuntimeProblem(f"raster: needs 64-bit atomics, which {self._runtime.arch} lacks; use --arch cpu")
         self.size, self.samples = size, samples
         shape = size[1], size[0]
@@ -63,8 +65,7 @@ class Raster:
         self._thick = np.zeros(shape, np.int32)
         self._shaded = np.zeros((*shape, 3), np.float32)
         self._mean = np.zeros((*shape, 3) if samples > 1 else (1, 1, 3), np.float32)
-        self._image, self._table = np.zeros((*shape, 3), np.uint8), develop.srgb_table()
-        self._columns: list[np.ndarray] = []
+        self.picture, self._table = np.zeros((*shape, 3), np.uint8), develop.srgb_table()
         self._drawing: Drawing | None = None
         self._gels: Gels | None = None
         self._studio, self._floor = np.zeros((6, 3), np.float32), 0.0
@@ -153,7 +154,7 @@ class Raster:
         inked = self._keys, ends, lines.rgb, fade
         seen = picture.scene, picture.depths, picture.tops
         part = (-1.0 if number == 0 else 1.0) / count
-        develop.compose(*inked, *seen, region, self._mean, part, self._image, self._table, int(number == count - 1))
+        develop.compose(*inked, *seen, region, self._mean, part, self.picture, self._table, int(number == count - 1))
 
     def _draw_bodies(self, picture: Stage, bodies: Gels) -> None:
         view, x, normal = picture.view, bodies.x(), bodies.normal
@@ -193,16 +194,7 @@ class Raster:
     def image(self) -> np.ndarray:
         """(height, width, 3) uint8: a copy of the last picture."""
         runtime.check(self._runtime)
-        return self._image.copy()
-
-    def columns(self) -> np.ndarray:
-        """(width, height) uint32: the last picture in GGUI's layout, columns first and upwards; reused in two calls."""
-        runtime.check(self._runtime)
-        if len(self._columns) < 2:
-            self._columns = [np.zeros(self.size, np.uint32) for _ in range(2)]
-        self._columns.reverse()
-        develop.columns_of(self._image, self._columns[0])
-        return self._columns[0]
+        return self.picture.copy()
 
     def close(self) -> None:
         """Free the picture's memory."""
