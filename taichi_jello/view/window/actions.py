@@ -164,7 +164,7 @@ HELP = (
     ("Shift drag", "pull it up to you, push it away"),
     ("drag beside it", "turn the view; right drag too"),
     ("middle drag", "move the view"),
-    ("W S", "nearer, farther; the wheel does nothing"),
+    ("W S", "nearer, farther (no wheel)"),
     ("F", "look at the jello"),
     ("O", "the first view again"),
     ("left right up down", "push the jello"),
