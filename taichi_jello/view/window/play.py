@@ -44,6 +44,8 @@ def play(
     last: float | None = None  # None after work whose time does not count
     handlers = leave_on_signals(viewer)
     try:
+        viewer.update()
+        screen.show(viewer)  # compiles: its time does not count
         while screen.running and not viewer.leaving and (seconds is None or viewer.simulation.time < seconds):
             interrupt.look()
             screen.listen(viewer)
