@@ -8,6 +8,7 @@ from still import Still, cube_scene
 from taichi_jello.view.picking import pick
 from taichi_jello.view.render.legend import Sheet
 from taichi_jello.view.render.pixels import buffers, ink
+from taichi_jello.view.render.raster import rgb_of
 from taichi_jello.view.render.renderers import picture
 from taichi_jello.view.window import painter as painting
 from taichi_jello.view.window.fineness import GROWTH, LEVELS, PATIENCE, SLOWEST, SPARE, Fineness
@@ -128,7 +129,7 @@ def test_a_coarse_picture_fills_the_window_and_a_kept_one_is_fine(cube_viewer):
     painter = Painter()
     painter.fineness._set(0)
     painter.draw(cube_viewer)
-    assert painter._image.shape == (90, 160, 3)
+    assert painter._image.shape == (90, 160)
     columns = painter.under(Sheet(SIZE))
     shown = columns.view(np.uint8).reshape(*SIZE, 4)[:, ::-1, :3].swapaxes(0, 1).astype(int)
     fine = picture(cube_viewer.simulation, SIZE, legend=False)
@@ -144,10 +145,26 @@ def test_a_sheet_is_written_as_on_a_shot():
     sheet.text("t = 0.25 s", 12.0, 60.0, 13.0)
     sheet.line(np.array([[100.0, 20.0], [150.0, 80.0]]), 3.0, np.array([0.1, 0.6, 0.2]))
     sheet.line(np.array([[-50.0, 85.0], [500.0, 87.0]]), 2.0)  # beyond both edges
-    stamped, written = np.full((90, 160, 3), 200, np.uint8), np.full((90, 160, 3), 200, np.uint8)
+    stamped, written = np.full((90, 160, 3), 200, np.uint8), np.full((90, 160), 0xFFC8C8C8, np.uint32)
     sheet.stamp(stamped)
     ink.write(sheet, written)
-    apart = np.abs(stamped.astype(int) - written).max(2)
+    apart = np.abs(stamped.astype(int) - rgb_of(written)).max(2)
     assert (stamped != 200).any(2).sum() > 1000 and apart.mean() < 2.0 and (apart > 64).sum() < 60
+    before = written.copy()
     ink.write(Sheet((160, 90)), written)
-    assert np.abs(stamped.astype(int) - written).max(2).sum() == apart.sum()
+    assert np.array_equal(before, written)
+
+
+@pytest.mark.parametrize("size", [(64, 36), (63, 35)])
+def test_doubling_blends_three_parts_to_one(size):
+    small = np.random.default_rng(1).integers(0, 256, (18, 32, 3))
+    image = (small << [0, 8, 16]).sum(2).astype(np.uint32) | np.uint32(0xFF000000)
+    large = np.zeros(size[::-1], np.uint32)
+    ink.double(image, large)
+
+    def blended(rows):
+        wide = np.pad(rows, [(1, 1)] + [(0, 0)] * (rows.ndim - 1), "edge")
+        return np.stack([3 * rows + wide[:-2], 3 * rows + wide[2:]], 1).reshape(-1, *rows.shape[1:])
+
+    expected = blended(blended(small).swapaxes(0, 1)).swapaxes(0, 1) + 8 >> 4
+    assert np.array_equal(rgb_of(large), expected[: size[1], : size[0]])

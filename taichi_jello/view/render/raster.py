@@ -49,7 +49,7 @@ class Stage:
 
 class Raster:
     """Draws into memory. size: (width, height) [pixels]; samples: 1, or 2 for four samples a pixel; picture (height,
-    width, 3) uint8: the last one, which the next one overwrites in part."""
+    width) uint32: the last one, an Image of rows.py, which the next one overwrites in part."""
 
     name = "raster"
 
@@ -65,7 +65,7 @@ class Raster:
         self._thick = np.zeros(shape, np.int32)
         self._shaded = np.zeros((*shape, 3), np.float32)
         self._mean = np.zeros((*shape, 3) if samples > 1 else (1, 1, 3), np.float32)
-        self.picture, self._table = np.zeros((*shape, 3), np.uint8), develop.srgb_table()
+        self.picture, self._table = np.zeros(shape, np.uint32), develop.srgb_table()
         self._drawing: Drawing | None = None
         self._gels: Gels | None = None
         self._studio, self._floor = np.zeros((6, 3), np.float32), 0.0
@@ -194,11 +194,16 @@ class Raster:
     def image(self) -> np.ndarray:
         """(height, width, 3) uint8: a copy of the last picture."""
         runtime.check(self._runtime)
-        return self.picture.copy()
+        return rgb_of(self.picture)
 
     def close(self) -> None:
         """Free the picture's memory."""
         self._stages, self._drawing = [], None
+
+
+def rgb_of(picture: np.ndarray) -> np.ndarray:
+    """(height, width, 3) uint8: a copy of a picture (height, width) uint32."""
+    return picture.view(np.uint8).reshape(*picture.shape, 4)[..., :3].copy()
 
 
 def _union(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ import numpy as np
 import taichi as ti
 from taichi.math import clamp, mix
 
-from taichi_jello.view.drawing.rows import Array1, Array2, Colors, Columns, Depths, Image, Index2, Keys, row, vec3
+from taichi_jello.view.drawing.rows import Array1, Array2, Colors, Depths, Image, Index2, Keys, row, vec3
 from taichi_jello.view.render.pixels.buffers import FAR, depth_of, number_of
 from taichi_jello.view.render.pixels.strokes import across_stroke, coverage
 
@@ -37,6 +37,13 @@ def level(table: ti.template(), linear):
     at = ti.sqrt(clamp(linear, 0.0, 1.0)) * STEPS
     k = ti.cast(at, ti.i32)
     return mix(table[k], table[k + 1], at - k)
+
+
+@ti.func
+def packed(levels):
+    """A pixel of an Image, of three levels from 0 to 255."""
+    color = ti.cast(ti.cast(levels, ti.i32), ti.u32)
+    return color[0] | color[1] << 8 | color[2] << 16 | ti.u32(0xFF000000)
 
 
 @ti.func
@@ -94,22 +101,18 @@ def compose(
                 for k in ti.static(range(3)):
                     mean[y, x, k] = color[k]
             else:
-                dither = noise(x, y)
-                for k in ti.static(range(3)):
-                    byte = ti.min(level(table, color[k]) + dither[k], 255.0)
-                    image[y, x, k] = ti.cast(ti.cast(byte, ti.i32), ti.u8)
+                levels = vec3([level(table, color[k]) for k in ti.static(range(3))])
+                image[y, x] = packed(ti.min(levels + noise(x, y), 255.0))
 
 
 @ti.kernel
-def columns_of(image: Image, columns: Columns):
-    """The picture as GGUI shows it: columns first, upwards, a pixel's four bytes in one word. Tile by tile: one of the
-    two is always walked across its memory, and a tile stays in the cache."""
+def columns_of(image: Image, columns: Image):
+    """The picture as GGUI shows it: columns first, upwards. Tile by tile: one of the two is always walked across its
+    memory, and a tile stays in the cache."""
     wide, high = (columns.shape[0] + TILE[0] - 1) // TILE[0], (columns.shape[1] + TILE[1] - 1) // TILE[1]
     ti.loop_config(block_dim=16)
     for tile in range(wide * high):
         left, top = tile % wide * TILE[0], tile // wide * TILE[1]
         for x in range(left, ti.min(left + TILE[0], columns.shape[0])):
             for y in range(top, ti.min(top + TILE[1], columns.shape[1])):
-                color = ti.Vector([ti.cast(image[y, x, k], ti.u32) for k in ti.static(range(3))])
-                packed = color[0] | color[1] << 8 | color[2] << 16 | ti.u32(0xFF000000)
-                columns[x, columns.shape[1] - 1 - y] = packed
+                columns[x, columns.shape[1] - 1 - y] = image[y, x]

@@ -6,13 +6,14 @@ import taichi as ti
 
 from taichi_jello.view.drawing.rows import Array2, Image, vec3
 from taichi_jello.view.render.legend import Line, Sheet, Text
+from taichi_jello.view.render.pixels.develop import packed
 
 
 @ti.func
 def blend(image: ti.template(), y, x, rgb, cover):
-    for k in ti.static(range(3)):
-        old = ti.cast(image[y, x, k], ti.f32)
-        image[y, x, k] = ti.cast(ti.cast(old + (rgb[k] - old) * cover + 0.5, ti.i32), ti.u8)
+    word = image[y, x]
+    old = vec3([ti.cast((word >> (8 * k)) & 255, ti.f32) for k in ti.static(range(3))])
+    image[y, x] = packed(old + (rgb - old) * cover + 0.5)
 
 
 @ti.kernel
@@ -45,26 +46,40 @@ def ink(quads: Array2, strokes: Array2, image: Image):
                         blend(image, y, x, vec3(strokes[s, 5], strokes[s, 6], strokes[s, 7]), cover)
 
 
+@ti.func
+def near(image: ti.template(), i, k, x):
+    """Four times the mean of the pixels at column x in rows i and k, three parts to one: (red and blue, green), with
+    16 bits for a channel."""
+    a, b, mask = image[i, x], image[k, x], ti.u32(0x00FF00FF)
+    return ti.Vector([3 * (a & mask) + (b & mask), 3 * ((a >> 8) & mask) + ((b >> 8) & mask)])
+
+
+@ti.func
+def halfway(a, b):
+    """The pixel of what `near` gives for two columns, three parts to one."""
+    mean = ((3 * a + b + ti.u32(0x00080008)) >> 4) & ti.u32(0x00FF00FF)
+    return mean[0] | mean[1] << 8
+
+
 @ti.kernel
-def enlarge(image: Image, large: Image):
-    """Fill `large` with the picture, blended between the middles of its pixels."""
+def double(image: Image, large: Image):
+    """Fill `large` with a picture half as high and wide, blended between the middles of its pixels."""
     ti.loop_config(block_dim=8)
     for y in range(large.shape[0]):
-        v = ti.math.clamp((y + 0.5) * image.shape[0] / large.shape[0] - 0.5, 0.0, image.shape[0] - 1.0)
-        i = int(v)
-        k = ti.min(i + 1, image.shape[0] - 1)
-        for x in range(large.shape[1]):
-            u = ti.math.clamp((x + 0.5) * image.shape[1] / large.shape[1] - 0.5, 0.0, image.shape[1] - 1.0)
-            j = int(u)
-            m = ti.min(j + 1, image.shape[1] - 1)
-            for c in ti.static(range(3)):
-                upper = ti.math.mix(ti.cast(image[i, j, c], ti.f32), ti.cast(image[i, m, c], ti.f32), u - j)
-                lower = ti.math.mix(ti.cast(image[k, j, c], ti.f32), ti.cast(image[k, m, c], ti.f32), u - j)
-                large[y, x, c] = ti.cast(ti.cast(ti.math.mix(upper, lower, v - i) + 0.5, ti.i32), ti.u8)
+        i = y // 2
+        k = ti.math.clamp(i + 2 * (y % 2) - 1, 0, image.shape[0] - 1)
+        here = near(image, i, k, 0)
+        before = here
+        for x in range(image.shape[1]):
+            after = near(image, i, k, ti.min(x + 1, image.shape[1] - 1))
+            large[y, 2 * x] = halfway(here, before)
+            if 2 * x + 1 < large.shape[1]:
+                large[y, 2 * x + 1] = halfway(here, after)
+            before, here = here, after
 
 
 def write(sheet: Sheet, image: np.ndarray) -> None:
-    """Draw the sheet into image (height, width, 3) uint8."""
+    """Draw the sheet into image (height, width) uint32."""
     quads = [(q.x, q.x + q.width, q.y, q.y + q.height, *(255.0 * q.left), *(255.0 * q.right)) for q in sheet.quads]
     drawn: list[Line | Text] = sorted([*sheet.lines, *sheet.texts], key=lambda stroke: -stroke.width)
     rows = [np.zeros((0, 8))]
