@@ -28,7 +28,7 @@ BLACK = np.full((1, 3), 1e3, np.float32)  # what opaque bodies absorb [1/m]
 @dataclass
 class Stage:
     """The picture without jellos, as seen by `view`: linear colours and depths [m]. `scene` is the same with jellos,
-    `tops` the depths of their nearest surfaces. Each sample has its own: bodies refract what lies outside the part of
+    Each sample has its own: bodies refract what lies outside the part of
     the picture that is drawn anew."""
 
     view: np.ndarray
@@ -36,15 +36,14 @@ class Stage:
     depths: np.ndarray
     scene: np.ndarray
     scene_depths: np.ndarray
-    tops: np.ndarray
     seen: bytes = b""
 
     @classmethod
     def of_size(cls, size: tuple[int, int]) -> "Stage":
         shape = size[1], size[0]
         colors, scene = (np.zeros((*shape, 3), np.float32) for _ in range(2))
-        depths, scene_depths, tops = (np.zeros(shape, np.float32) for _ in range(3))
-        return cls(np.zeros((9, 3), np.float32), colors, depths, scene, scene_depths, tops)
+        depths, scene_depths = (np.zeros(shape, np.float32) for _ in range(2))
+        return cls(np.zeros((9, 3), np.float32), colors, depths, scene, scene_depths)
 
 
 class Raster:
@@ -142,7 +141,7 @@ class Raster:
 
     def _draw_sample(self, number: int, bodies: Gels | None, lines: Strokes, region: np.ndarray) -> None:
         picture, count = self._stages[number], len(self._stages)
-        view, scene = picture.view, (picture.scene, picture.scene_depths, picture.tops)
+        view, scene = picture.view, (picture.scene, picture.scene_depths)
         shadow = self._shadow.grid, self._shadow.light
         stage.begin(view, self._studio, *shadow, picture.colors, picture.depths, region, *scene)
         if bodies is not None:
@@ -151,8 +150,8 @@ class Raster:
         radius[:, 1] *= self.size[1] / ROWS
         strokes.strokes(view, lines.x, lines.pairs, radius, ends, self._keys, region)
         fade = DEEP / bodies.size if bodies is not None else 0.0
-        inked = self._keys, ends, lines.rgb, fade
-        seen = picture.scene, picture.depths, picture.tops
+        inked = self._keys, ends, lines.rgb**2.2, fade
+        seen = picture.scene, picture.depths, picture.scene_depths
         part = (-1.0 if number == 0 else 1.0) / count
         develop.compose(*inked, *seen, region, self._mean, part, self.picture, self._table, int(number == count - 1))
 
@@ -174,7 +173,7 @@ class Raster:
                 buffers.layers(places, mesh[2], run, self._front, self._back, self._thick)
                 surface = *mesh, run, self._front, self._back, self._thick
                 gel.shade(view, self._studio, bodies.gel[k], *surface, *scene, self._shaded)
-                gel.settle(run, self._front, self._shaded, *scene, picture.tops)
+                gel.settle(run, self._front, self._shaded, *scene)
 
     def _box(self, view: np.ndarray, x: np.ndarray) -> np.ndarray:
         """(2, 2): first column and row, and those after the last, of the part of the picture that points x lie in."""

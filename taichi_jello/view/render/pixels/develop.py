@@ -58,10 +58,10 @@ def noise(x, y):
 
 @ti.func
 def rod(rgb, place):
-    """The colour of a round rod or bead, lit from the eye, at a distance of place[0] radii from its middle."""
-    linear = rgb**2.2
-    high = ti.sqrt(ti.max(1.0 - place[0] * place[0], 0.0))
-    return linear * (0.3 + 0.8 * high) + 0.06 * high**16
+    """The linear colour of a round rod or bead, lit from the eye, at a distance of place[0] radii from its middle."""
+    square = ti.max(1.0 - place[0] * place[0], 0.0)  # of the height of its surface
+    fourth = square * square
+    return rgb * (0.3 + 0.8 * ti.sqrt(square)) + 0.06 * fourth * fourth * fourth * fourth
 
 
 @ti.kernel
@@ -81,8 +81,8 @@ def compose(
     last: ti.i32,
 ):
     """Lay the strokes over the scene and add `part` of the toned picture to `mean`, or begin it at a part below zero;
-    with the last sample, write the image by the `srgb_table`. A stroke is hidden behind `solid` and fades by `fade`
-    [1/m] the deeper it lies below `tops`."""
+    with the last sample, write the image by the `srgb_table`. A stroke in the linear colour
+    `rgb` is hidden behind `solid` and fades by `fade` [1/m] the deeper it lies below `tops`."""
     ti.loop_config(block_dim=8)
     for y in range(box[0, 1], box[1, 1]):
         for x in range(box[0, 0], box[1, 0]):

@@ -80,7 +80,6 @@ def begin(
     box: Index2,
     scene: Colors,
     depths: Depths,
-    tops: Depths,
 ):
     """Start a picture in the part from column box[0, 0] and row box[0, 1] to box[1, 0] and box[1, 1]: the stage under
     the bodies' shadows."""
@@ -93,6 +92,6 @@ def begin(
                 shade = light_at(grid, light, p)
                 if shade.min() < 1.0:
                     shade = ti.math.mix(shade, vec3(1.0), haze(studio, p))
-            depths[y, c] = tops[y, c] = depth
+            depths[y, c] = depth
             for k in ti.static(range(3)):
                 scene[y, c, k] = stage_colors[y, c, k] * shade[k]
