@@ -79,7 +79,14 @@ def test_readings_are_shown(viewer):
     gui = Widgets()
     Panel((1280, 720)).show(gui, viewer)
     words = " ".join(gui.words)
-    for part in ("pictures a second", "real time ×1.00", "ms a frame", "10 steps", "step 1.67 ms (safe 2 ms)", "energy 1 J"):
+    for part in (
+        "pictures a second",
+        "real time ×1.00",
+        "ms a frame",
+        "10 steps",
+        "step 1.67 ms (safe 2 ms)",
+        "energy 1 J",
+    ):
         assert part in words
 
 

@@ -74,14 +74,14 @@ def plot(sheet: Sheet, past: Sequence[tuple[float, ...]]) -> None:
     times, *energies = np.array(past, float).reshape(-1, 1 + len(ENERGIES)).T
     most = round_up(float(np.abs(energies).max(initial=1e-9)))
     least = -most if np.min(energies, initial=0.0) < -0.02 * most else 0.0
-    for joules in sorted({least, 0.0, 0.5 * most, most}):
-        y = bottom - (joules - least) / (most - least) * tall
+    for level in sorted({least, 0.0, 0.5 * most, most}):
+        y = bottom - (level - least) / (most - least) * tall
         sheet.line(np.array([[left, y], [right, y]]), s, palette.GRID)
-        sheet.text(f"{joules:g}", left - 7.0 * s, y + 0.5 * height, height, align=1.0)
+        sheet.text(f"{level:g}", left - 7.0 * s, y + 0.5 * height, height, align=1.0)
     for k in range(int(SPAN) + 1):
-        x = right - k / SPAN * width
-        sheet.line(np.array([[x, bottom], [x, bottom + 5.0 * s]]), s, palette.GRID)
-        sheet.text(f"-{k} s" if k else "now", x, bottom + 10.0 * s + height, height, align=0.5)
+        column = right - k / SPAN * width
+        sheet.line(np.array([[column, bottom], [column, bottom + 5.0 * s]]), s, palette.GRID)
+        sheet.text(f"-{k} s" if k else "now", column, bottom + 10.0 * s + height, height, align=0.5)
     sheet.text("J", left - 7.0 * s, top - 18.0 * s, height, align=1.0)
     x = right
     for name, rgb in zip(reversed(ENERGIES), reversed(COLORS), strict=True):

@@ -15,12 +15,13 @@ REST = 0.15  # s without a change, after which the picture is drawn with smooth 
 
 
 class Painter:
-    """Draws what a viewer shows, by the kernels of pictures and films. What moves is drawn as finely as the time allows,
-    what stands still as finely as a shot, once."""
+    """Draws what a viewer shows, by the kernels of pictures and films. What moves is drawn as finely as the time
+    allows, what stands still as finely as a shot, once."""
 
     def __init__(self) -> None:
         self.fineness = Fineness()
-        self.level, self._moment = 0, ()  # of the last picture
+        self.level = 0  # of the last picture
+        self._moment: tuple[object, ...] = ()
         self._image = np.zeros((1, 1), np.uint32)  # the last picture, and as large as the window with a sheet over it
         self._page = np.zeros((1, 1), np.uint32)
         self._columns = [np.zeros((1, 1), np.uint32) for _ in range(2)]
@@ -42,7 +43,7 @@ class Painter:
             self.fineness.took(self._since - now)
 
     def image(self, viewer: Viewer) -> np.ndarray:
-        """(height, width, 3) uint8: a copy of the last picture, or of a finer one if that is smaller than the window."""
+        """(height, width, 3) uint8: a copy of the last picture, or of a finer one if it is smaller than the window."""
         if LEVELS[self.level][0] > 1:
             self.draw(viewer, finest=True)
         return rgb_of(self._image)

@@ -106,7 +106,9 @@ def turned(n, d):
 
 
 @ti.func
-def way_inside(view: ti.template(), run: ti.template(), back: ti.template(), thick: ti.template(), y, c, toward, straight):
+def way_inside(
+    view: ti.template(), run: ti.template(), back: ti.template(), thick: ti.template(), y, c, toward, straight
+):
     """(length [m], row, column): how far light that pixel (y, c) shows has come through the body, and the pixel in
     which it entered. straight: (length straight on, its length in a unit of depth, the body's size). toward: where a
     ray bent by the surface would be after a guess of its length."""

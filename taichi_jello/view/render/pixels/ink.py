@@ -29,7 +29,10 @@ def ink(quads: Array2, strokes: Array2, image: Image):
                 last = int(ti.math.clamp(ti.round(quads[q, 1]), 0.0, float(image.shape[1])))
                 for x in range(first, last):
                     t = ti.math.clamp((x + 0.5 - quads[q, 0]) / (quads[q, 1] - quads[q, 0]), 0.0, 1.0)
-                    left, right = vec3(quads[q, 4], quads[q, 5], quads[q, 6]), vec3(quads[q, 7], quads[q, 8], quads[q, 9])
+                    left, right = (
+                        vec3(quads[q, 4], quads[q, 5], quads[q, 6]),
+                        vec3(quads[q, 7], quads[q, 8], quads[q, 9]),
+                    )
                     blend(image, y, x, ti.math.mix(left, right, t), 1.0)
         for s in range(strokes.shape[0]):
             a, b = ti.Vector([strokes[s, 0], strokes[s, 1]]), ti.Vector([strokes[s, 2], strokes[s, 3]])
