@@ -223,12 +223,12 @@ def play_in_window(chosen: argparse.Namespace) -> None:
 
     stepped, simulation, _ = make_run(chosen, playable(make_scene(chosen)))
     if not chosen.log:
-        play(stepped, size=chosen.size, seconds=chosen.seconds, make=make)
+        play(stepped, size=chosen.size, seconds=chosen.seconds, make=make, renderer=chosen.renderer)
         return
     with mistakes(f"--log {chosen.log}: ", OSError):
         recorded = Recorded(simulation, Path(chosen.log))
     with contextlib.closing(recorded):
-        play(recorded, size=chosen.size, seconds=chosen.seconds, make=make)
+        play(recorded, size=chosen.size, seconds=chosen.seconds, make=make, renderer=chosen.renderer)
     say(chosen, recorded.close())
 
 
@@ -238,7 +238,7 @@ def do_play(chosen: argparse.Namespace) -> None:
 
     if chosen.log and (chosen.replay or chosen.from_state):
         raise Mistake("--log: a play is recorded from the scene's beginning; leave out --replay and --from")
-    problem = "a window needs the renderer ggui" if chosen.renderer == "raster" else window_problem()
+    problem = window_problem()
     if problem is None:
         play_in_window(chosen)
         return

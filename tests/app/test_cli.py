@@ -171,14 +171,16 @@ def test_bad_numbers_exit_with_3_and_keep_the_last_good_state(here, small, tmp_p
     assert done.returncode == 2 and "--at 0: expected at least" in done.stderr
 
 
-def test_without_a_window_there_is_nothing_to_record(here, small, tmp_path):
-    done = here("play", small, "--renderer", "raster", "--log", "play.jsonl")
+def test_without_a_window_there_is_nothing_to_record(here, small, tmp_path, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    done = here("play", small, "--log", "play.jsonl")
     assert done.returncode == 2 and "nothing to record without a window" in done.stderr
     assert not list(tmp_path.glob("*.jsonl")) and not list(tmp_path.glob("*.png"))
 
 
-@pytest.mark.parametrize("command", [["shot", "-o", "x.png", "--at", "2"], ["play", "--renderer", "raster"]])
-def test_a_picture_of_bad_numbers_keeps_the_last_good_state(command, jello, small, tmp_path):
+@pytest.mark.parametrize("command", [["shot", "-o", "x.png", "--at", "2"], ["play"]])
+def test_a_picture_of_bad_numbers_keeps_the_last_good_state(command, jello, small, tmp_path, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
     done = jello(command[0], small, *command[1:], "--dt", "0.016", "--set", "jello.0.stiffness=5000")
     assert done.returncode == 3 and "Traceback" not in done.stderr
     (kept,) = tmp_path.glob("*.last-good.npz")

@@ -4,8 +4,11 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
+
+import numpy as np
 
 HERE = Path(__file__).parent
 PROGRAM = """
@@ -42,7 +45,9 @@ def updated(viewer):
     now, held = viewer.simulation.snapshot(), viewer.simulation.held
     told = dict(frames=frames, title=viewer.simulation.scene.title, time=now.time, paused=viewer.paused)
     told |= dict(color=viewer.color, show=viewer.shown, panel=viewer.panelled, helping=viewer.helping)
-    told |= dict(eye=viewer.viewpoint.eye.tolist())
+    told |= dict(eye=viewer.viewpoint.eye.tolist(), compiled=getattr(viewer.simulation, "compiled", True))
+    places = viewer.viewpoint.project(now.x, viewer.size)
+    told |= dict(box=[*places.min(0).tolist(), *places.max(0).tolist()])
     told |= dict(method=viewer.simulation.method, tuning={k: str(v) for k, v in viewer.simulation.tuning.items()})
     told |= dict(stiffness=viewer.simulation.tuning["stiffness"], middle=now.x.mean(0).tolist())
     told |= dict(velocity=now.v.mean(0).tolist(), held=None, notice=viewer.notice)
@@ -52,29 +57,40 @@ def updated(viewer):
         json.dump(told, file)
     os.replace("state.new", "state")
 Viewer.update = updated
-play(simulation, size=(640, 360), folder=sys.argv[2])
+play(simulation, size=(640, 360), folder=sys.argv[2], renderer=sys.argv[4])
 print("left", flush=True)
 """
 
 
 def virtual_screen():
-    """A virtual screen on a number that Xvfb finds free itself; it outlives its clients (-noreset). Its process, and
-    the environment of programs that draw there."""
+    """A virtual screen on a number that Xvfb finds free itself; it outlives its clients (-noreset) and keeps its pixels
+    in a file. Its process, and the environment of programs that draw there."""
     reading, writing = os.pipe()
-    command = ["Xvfb", "-displayfd", str(writing), "-noreset", "-screen", "0", "800x600x24"]
+    pixels = tempfile.mkdtemp()
+    command = ["Xvfb", "-displayfd", str(writing), "-noreset", "-fbdir", pixels, "-screen", "0", "800x600x24"]
     server = subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL)
     os.close(writing)
     with os.fdopen(reading) as answer:
         number = answer.readline().strip()
     assert number, "Xvfb did not start"
-    return server, {**os.environ, "DISPLAY": f":{number}"}
+    return server, {**os.environ, "DISPLAY": f":{number}", "PIXELS": f"{pixels}/Xvfb_screen0"}
+
+
+def pixels_of(path: str) -> np.ndarray:
+    """(height, width, 3) uint8 of a screen kept in X's window dump format: a header of 4-byte words, a table of colours
+    with 12 bytes each, rows of blue, green, red and an empty byte."""
+    raw = Path(path).read_bytes()
+    header = np.frombuffer(raw, ">u4", 25).astype(int)
+    begins, width, height, row, colors = header[[0, 4, 5, 12, 19]]
+    dots = np.frombuffer(raw, np.uint8, row * height, begins + 12 * colors)
+    return dots.reshape(height, row // 4, 4)[:, :width, 2::-1]
 
 
 class Person:
     """Someone in front of the window."""
 
-    def __init__(self, environment: dict[str, str], folder: Path, kind: str = "still"):
-        command = [sys.executable, "-c", PROGRAM, str(HERE), str(folder), kind]
+    def __init__(self, environment: dict[str, str], folder: Path, kind: str = "still", renderer: str = "auto"):
+        command = [sys.executable, "-c", PROGRAM, str(HERE), str(folder), kind, renderer]
         self.environment, self.folder = environment, folder
         log = (folder / "log").open("w")
         self.viewer = subprocess.Popen(command, env=environment, cwd=folder, stdout=log, stderr=subprocess.STDOUT)
@@ -119,6 +135,10 @@ class Person:
     def state(self) -> dict:
         """What the window showed last."""
         return json.loads((self.folder / "state").read_text())
+
+    def seen(self) -> np.ndarray:
+        """(360, 640, 3) int: the window's pixels as they are on the screen."""
+        return pixels_of(self.environment["PIXELS"])[:360, :640].astype(int)
 
     def mouse(self, *places: tuple[float, float]) -> None:
         for column, row in places:

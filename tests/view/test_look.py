@@ -95,8 +95,9 @@ def test_a_stroke_covers_as_much_as_it_is_wide(radius, angle):
     far, seen = np.full((64, 64), buffers.FAR, np.float32), []
     for shade in (0.0, 0.5):
         scene, mean = np.full((64, 64, 3), shade, np.float32), np.zeros((64, 64, 3), np.float32)
-        image, rgb = np.zeros((64, 64, 3), np.uint8), np.full((1, 3), 0.5, np.float32)
-        develop.compose(keys, ends, rgb, 0.0, scene, far, far, box, mean, -1.0, image, 0)
+        image, rgb = np.zeros((64, 64), np.uint32), np.full((1, 3), 0.5, np.float32)
+        table = develop.srgb_table()
+        develop.compose(keys, ends, rgb, 0.0, scene, far, far, box, mean, -1.0, image, table, 0)
         seen.append(mean)
     covered = 1.0 - (seen[1] - seen[0])[..., 0] / 0.5
     assert covered.sum() == pytest.approx(2.0 * radius * 40.0 + np.pi * radius**2, rel=0.1)

@@ -19,6 +19,7 @@ class Widgets:
 
     def __init__(self):
         self.windows, self.words, self.slide, self.push = [], [], {}, ""
+        self.labels = {}
 
     @contextmanager
     def sub_window(self, *place):
@@ -26,7 +27,9 @@ class Widgets:
         yield self
 
     def slider_float(self, name, value, low, high):
-        return float(np.float32(self.slide.pop(name, value)))
+        words, _, key = name.partition("###")
+        self.labels[key] = words
+        return float(np.float32(self.slide.pop(key, value)))
 
     def button(self, words):
         return bool(self.push) and words.startswith(self.push)
@@ -52,13 +55,16 @@ def test_untouched_sliders_tune_nothing(viewer, monkeypatch):
 
 def test_sliders_tune_what_they_name(viewer):
     gui = Widgets()
-    gui.slide = {"stiffness x": 4.0, "gravity [m/s2]": -1.5, "friction": 0.75, "time x": 0.5}
+    gui.slide = {"stiffness": 4.0, "gravity": -1.5, "friction": 0.75, "time": 0.5}
     Panel((1280, 720)).show(gui, viewer)
     tuned = viewer.simulation.tuning
     assert (tuned["stiffness"], tuned["friction"], tuned["damping"]) == (4.0, 0.75, 1.0)
     assert tuned["gravity"] == (0.0, -1.5, 0.0) and viewer.pace.scale == 0.5
     viewer.update()
     assert viewer.drawing.springs.scale == (4.0, 1.0)
+    Panel((1280, 720)).show(gui, viewer)
+    assert gui.labels["stiffness"] == "stiffness ×4.0" and gui.labels["gravity"] == "gravity -1.50 m/s²"
+    assert gui.labels["time"] == "time ×0.50"
 
 
 def test_buttons_do_what_keys_do(viewer):
@@ -73,7 +79,14 @@ def test_readings_are_shown(viewer):
     gui = Widgets()
     Panel((1280, 720)).show(gui, viewer)
     words = " ".join(gui.words)
-    for part in ("fps", "real time x 1.00", "ms a frame", "10 steps", "safe dt 2 ms", "kinetic energy 1 J", "0 N"):
+    for part in (
+        "pictures a second",
+        "real time ×1.00",
+        "ms a frame",
+        "10 steps",
+        "step 1.67 ms (safe 2 ms)",
+        "energy 1 J",
+    ):
         assert part in words
 
 
@@ -91,7 +104,7 @@ def test_a_panel_that_was_dragged_comes_back(viewer):
     gui, panel = Widgets(), Panel((1280, 720))
     panel.show(gui, viewer)
     panel.takes((100.0, 90.0))
-    gui.slide = {"stiffness x": 2.0}
+    gui.slide = {"stiffness": 2.0}
     panel.show(gui, viewer)
     panel.release()
     for _ in range(SETTLING_FRAMES + 1):
@@ -145,6 +158,9 @@ def test_the_plot_lies_in_its_corner_and_shows_each_energy():
         sheet = Sheet(size)
         plot(sheet, past)
         page = sheet.quads[0]
+        assert {"-5 s", "now", "0", "5", "10", "J"} <= {text.words for text in sheet.texts}
+        places = np.concatenate([text.segments().reshape(-1, 2) for text in sheet.texts])
+        assert (places >= [page.x, page.y]).all() and (places <= [page.x + page.width, page.y + page.height]).all()
         curves = [line.points for line in sheet.lines if len(line.points) == 51]
         assert len(curves) == 3
         for points in curves:

@@ -192,15 +192,6 @@ def test_a_film_strip_shows_the_scene_from_beginning_to_end():
     assert tops == sorted(tops, reverse=True) and tops[0] > tops[1]  # it rises 5 cm a frame
 
 
-@pytest.mark.parametrize("samples", [1, 2])
-def test_columns_are_the_picture_as_a_canvas_takes_it(samples, cube):
-    with opened("raster", samples) as renderer:
-        image = shot("raster", cube, renderer=renderer).astype(np.uint32)
-        columns = renderer.columns()
-    packed = image[..., 0] | image[..., 1] << 8 | image[..., 2] << 16 | np.uint32(255 << 24)
-    assert np.array_equal(columns, packed[::-1].T)
-
-
 @pytest.mark.parametrize("name", RENDERERS)
 def test_of_a_larger_picture_before_nothing_is_left(name):
     small, large = (Still(cube_scene(0.9, points=points)) for points in (4, 9))

@@ -133,9 +133,9 @@ def test_m_goes_to_the_next_method_once_that_was_told(viewer):
     viewer.do_pending()
     assert "is beyond its safe 1e-09 s" in viewer.notice
     viewer.update()
-    assert any("unsafe dt" in text.words for text in overlay(viewer).texts)
+    assert any("unsafe step" in text.words for text in overlay(viewer).texts)
     viewer.simulation.safe_dt, viewer.simulation.method = 1.0, "rk4"
-    assert not any("unsafe dt" in text.words for text in overlay(viewer).texts)
+    assert not any("unsafe step" in text.words for text in overlay(viewer).texts)
     for k in range(len(names)):
         viewer.handle_key("m")
         assert viewer.notice.startswith("compiling") and viewer.do_pending() and not viewer.do_pending()
@@ -164,14 +164,42 @@ def test_a_first_frame_is_told_before_it_is_compiled(viewer, monkeypatch):
     assert any(text.words.startswith(f"{method} ") for text in overlay(viewer).texts)
 
 
-def test_keys_pressed_while_something_waits_follow_in_their_order(viewer):
-    names, calls = list(schemes()), viewer.simulation.calls
-    for key in ("m", "j", "c", "m", " "):
-        assert viewer.handle_key(key)
-    assert not calls and viewer.color == "force" and not viewer.paused
-    assert viewer.do_pending() and len(calls) == 1 and viewer.color == "strain" and not viewer.paused
-    assert viewer.do_pending() and viewer.paused and not viewer.do_pending()
-    assert viewer.simulation.method == names[(names.index("rk4") + 2) % len(names)]
+def test_keys_pressed_while_something_waits_are_dropped_but_esc(viewer):
+    names = list(schemes())
+    viewer.handle_key("m")
+    for key in ("j", "c", "m", " "):
+        assert not viewer.handle_key(key)
+    assert viewer.do_pending() and not viewer.do_pending()
+    assert viewer.simulation.method == names[(names.index("rk4") + 1) % len(names)]
+    assert not viewer.simulation.calls and viewer.color == "force" and not viewer.paused
+    viewer.handle_key("m")
+    assert viewer.handle_key("Escape") and viewer.leaving
+
+
+@pytest.mark.parametrize("ends", ["r", "n"])
+def test_slow_motion_is_told_and_ended(viewer, ends):
+    viewer.update()
+    assert not any("motion" in text.words for text in overlay(viewer).texts)
+    viewer.pace.scale = 0.25
+    for _ in range(300):
+        viewer.advance(1.0 / 60.0)
+    told = [text.words for text in overlay(viewer).texts]
+    assert "slow motion x 0.25; R: real time" in told  # and that it is slower than life is no news then
+    viewer.handle_key(ends)
+    viewer.playlist.following = lambda scene: Still(scene)
+    viewer.do_pending()
+    assert viewer.pace.scale == 1.0
+
+
+def test_words_over_the_picture_have_a_pale_rim(viewer):
+    """Between dark letters over a jello there is light: each is also written thicker, below, in the paper's colour."""
+    viewer.update()
+    texts = overlay(viewer).texts
+    ink = [text for text in texts if text.rgb is not palette.PAPER]
+    rims = {(text.words, text.x, text.y): text for text in texts if text.rgb is palette.PAPER}
+    assert len(ink) == len(rims) > 3
+    for text in ink:
+        assert rims[text.words, text.x, text.y].width > text.width + 2.0
 
 
 def test_time_that_counts_for_no_frame_is_not_in_the_frame_rate(viewer):

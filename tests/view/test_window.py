@@ -44,6 +44,49 @@ def test_keys_and_mouse_reach_the_viewer(person):
     assert not (person.folder / "imgui.ini").exists()
 
 
+def reddish(image):
+    """Where a picture (360, width, 3) is red, as the first jello is, above the legend."""
+    return (image[:300, :, 0] - image[:300, :, 1:].max(2)) > 40
+
+
+def box_of(mask):
+    """First column and row, and the last ones."""
+    rows, columns = np.flatnonzero(mask.sum(1) > 2), np.flatnonzero(mask.sum(0) > 2)
+    return np.array([columns[0], rows[0], columns[-1], rows[-1]])
+
+
+@pytest.mark.parametrize("renderer", ["auto", "ggui"])
+def test_the_jello_is_on_the_screen_where_its_particles_are(screen, tmp_path, renderer):
+    """Paused, to 4 pixels (springs have some width, refraction pales edges), and upright: the cube floats above the
+    floor's shadow. At rest the rasteriser's picture is the shot of that moment wherever nothing is written."""
+    person = Person(screen, tmp_path, "still", renderer)
+    try:
+        person.press("space", " ")
+        person.press("r", "r")
+        person.press("o", "o")
+        person.watch(2)
+        person.wait_for(lambda: np.abs(box_of(reddish(person.seen())) - person.state["box"]).max() < 5.0)
+        if renderer == "auto":
+            person.press("p", "p")
+            shot = av_image(person.wait_for(person.pictures)[-1])
+            middle = slice(90, 280)  # no words but the notice above, no legend below
+            person.wait_for(lambda: np.array_equal(person.seen()[middle], shot[middle]))
+            inner = np.diff(shot[middle], axis=1)
+            assert np.abs(inner).max() > 50
+        person.press("Escape", "Escape")
+        assert person.viewer.wait(60) == 0
+    finally:
+        if person.viewer.poll() is None:
+            person.viewer.kill()
+            person.viewer.wait()
+
+
+def av_image(path):
+    """A picture file as (height, width, 3) int."""
+    with av.open(str(path)) as container:
+        return next(container.decode(video=0)).to_ndarray(format="rgb24").astype(int)
+
+
 def ask_to_close(display: str, window: int) -> None:
     """What a window manager sends when its close button is pressed: WM_DELETE_WINDOW, as an
     XClientMessageEvent."""
@@ -155,6 +198,13 @@ def pull_it_about(person):
     person.wait_for(near)
     after = person.wait_for(lambda: person.state["middle"][1] > before["middle"][1] + 0.2 and person.state)
     assert after["middle"][0] > before["middle"][0] + 0.1 and after["eye"] == before["eye"]
+    person.press("space", " ")  # the picture shows the same moment as the state: the jello has moved there too
+    person.watch(3)
+    lifted = person.state["box"]
+    assert lifted[1] < before["box"][1] - 10.0 and lifted[0] > before["box"][0] + 5.0
+    # Its top; below it there is now a red shadow.
+    person.wait_for(lambda: abs(box_of(reddish(person.seen()))[1] - lifted[1]) < 8.0)
+    person.press("space", " ")
     person.button("up", 1)
     person.wait_for(lambda: person.state["held"] is None)
     person.wait_for(lambda: person.state["middle"][1] < 0.6)
@@ -210,7 +260,10 @@ def press_the_other_keys(person):
     person.press("f", "f")
     person.wait_for(lambda: person.state["eye"] != eye)
     person.press("m", "m")
-    person.wait_for(lambda: person.state["method"] != "rk4")
+    person.tool("key", "g")  # while it compiles: dropped
+    person.wait_for(lambda: person.state["method"] != "rk4" and person.state["compiled"], 120.0)
+    person.watch(3)  # keys count again
+    assert "-9.81" not in person.state["tuning"]["gravity"]
     color, show = person.state["color"], person.state["show"]
     person.press("c", "c")
     person.press("k", "k")

@@ -11,8 +11,7 @@ Depths = ti.types.ndarray(dtype=ti.f32, ndim=2)
 Counts = ti.types.ndarray(dtype=ti.i32, ndim=2)
 Sums = ti.types.ndarray(dtype=ti.i32, ndim=3)
 Colors = ti.types.ndarray(dtype=ti.f32, ndim=3)
-Image = ti.types.ndarray(dtype=ti.u8, ndim=3)
-Columns = ti.types.ndarray(dtype=ti.u32, ndim=2)
+Image = ti.types.ndarray(dtype=ti.u32, ndim=2)  # a pixel's red, green, blue and 255, one byte each from the lowest
 vec3 = ti.types.vector(3, ti.f32)
 
 

@@ -21,13 +21,14 @@ from taichi_jello.view.render.pixels.clipping import clipped
 from taichi_jello.view.render.pixels.soft_shadow import Shadow
 
 SHIFTS = {1: [(0.0, 0.0)], 2: [(0.25, 0.125), (-0.125, 0.25), (0.125, -0.25), (-0.25, -0.125)]}  # pixels
+ARCHES_WITHOUT = ("vulkan", "metal")  # 64-bit atomics
 BLACK = np.full((1, 3), 1e3, np.float32)  # what opaque bodies absorb [1/m]
 
 
 @dataclass
 class Stage:
     """The picture without jellos, as seen by `view`: linear colours and depths [m]. `scene` is the same with jellos,
-    `tops` the depths of their nearest surfaces. Each sample has its own: bodies refract what lies outside the part of
+    Each sample has its own: bodies refract what lies outside the part of
     the picture that is drawn anew."""
 
     view: np.ndarray
@@ -35,25 +36,25 @@ class Stage:
     depths: np.ndarray
     scene: np.ndarray
     scene_depths: np.ndarray
-    tops: np.ndarray
     seen: bytes = b""
 
     @classmethod
     def of_size(cls, size: tuple[int, int]) -> "Stage":
         shape = size[1], size[0]
         colors, scene = (np.zeros((*shape, 3), np.float32) for _ in range(2))
-        depths, scene_depths, tops = (np.zeros(shape, np.float32) for _ in range(3))
-        return cls(np.zeros((9, 3), np.float32), colors, depths, scene, scene_depths, tops)
+        depths, scene_depths = (np.zeros(shape, np.float32) for _ in range(2))
+        return cls(np.zeros((9, 3), np.float32), colors, depths, scene, scene_depths)
 
 
 class Raster:
-    """Draws into memory. size: (width, height) [pixels]; samples: 1, or 2 for four samples a pixel."""
+    """Draws into memory. size: (width, height) [pixels]; samples: 1, or 2 for four samples a pixel; picture (height,
+    width) uint32: the last one, an Image of rows.py, which the next one overwrites in part."""
 
     name = "raster"
 
     def __init__(self, size: tuple[int, int], samples: int = 2):
         self._runtime = runtime.current()
-        if self._runtime.arch in ("vulkan", "metal"):
+        if self._runtime.arch in ARCHES_WITHOUT:
             raise RuntimeProblem(f"raster: needs 64-bit atomics, which {self._runtime.arch} lacks; use --arch cpu")
         self.size, self.samples = size, samples
         shape = size[1], size[0]
@@ -63,8 +64,7 @@ class Raster:
         self._thick = np.zeros(shape, np.int32)
         self._shaded = np.zeros((*shape, 3), np.float32)
         self._mean = np.zeros((*shape, 3) if samples > 1 else (1, 1, 3), np.float32)
-        self._image = np.zeros((*shape, 3), np.uint8)
-        self._columns: list[np.ndarray] = []
+        self.picture, self._table = np.zeros(shape, np.uint32), develop.srgb_table()
         self._drawing: Drawing | None = None
         self._gels: Gels | None = None
         self._studio, self._floor = np.zeros((6, 3), np.float32), 0.0
@@ -142,7 +142,7 @@ class Raster:
 
     def _draw_sample(self, number: int, bodies: Gels | None, lines: Strokes, region: np.ndarray) -> None:
         picture, count = self._stages[number], len(self._stages)
-        view, scene = picture.view, (picture.scene, picture.scene_depths, picture.tops)
+        view, scene = picture.view, (picture.scene, picture.scene_depths)
         shadow = self._shadow.grid, self._shadow.light
         stage.begin(view, self._studio, *shadow, picture.colors, picture.depths, region, *scene)
         if bodies is not None:
@@ -151,10 +151,10 @@ class Raster:
         radius[:, 1] *= self.size[1] / ROWS
         strokes.strokes(view, lines.x, lines.pairs, radius, ends, self._keys, region)
         fade = DEEP / bodies.size if bodies is not None else 0.0
-        inked = self._keys, ends, lines.rgb, fade
-        seen = picture.scene, picture.depths, picture.tops
+        inked = self._keys, ends, lines.rgb**2.2, fade
+        seen = picture.scene, picture.depths, picture.scene_depths
         part = (-1.0 if number == 0 else 1.0) / count
-        develop.compose(*inked, *seen, region, self._mean, part, self._image, int(number == count - 1))
+        develop.compose(*inked, *seen, region, self._mean, part, self.picture, self._table, int(number == count - 1))
 
     def _draw_bodies(self, picture: Stage, bodies: Gels) -> None:
         view, x, normal, tint = picture.view, bodies.x(), bodies.normal, bodies.tint
@@ -174,7 +174,7 @@ class Raster:
                 buffers.layers(places, mesh[3], run, self._front, self._back, self._thick)
                 surface = *mesh, run, self._front, self._back, self._thick
                 gel.shade(view, self._studio, bodies.gel[k], bodies.varied, *surface, *scene, self._shaded)
-                gel.settle(run, self._front, self._shaded, *scene, picture.tops)
+                gel.settle(run, self._front, self._shaded, *scene)
 
     def _box(self, view: np.ndarray, x: np.ndarray) -> np.ndarray:
         """(2, 2): first column and row, and those after the last, of the part of the picture that points x lie in."""
@@ -194,20 +194,16 @@ class Raster:
     def image(self) -> np.ndarray:
         """(height, width, 3) uint8: a copy of the last picture."""
         runtime.check(self._runtime)
-        return self._image.copy()
-
-    def columns(self) -> np.ndarray:
-        """(width, height) uint32: the last picture in GGUI's layout, columns first and upwards; reused in two calls."""
-        runtime.check(self._runtime)
-        if len(self._columns) < 2:
-            self._columns = [np.zeros(self.size, np.uint32) for _ in range(2)]
-        self._columns.reverse()
-        develop.columns_of(self._image, self._columns[0])
-        return self._columns[0]
+        return rgb_of(self.picture)
 
     def close(self) -> None:
         """Free the picture's memory."""
         self._stages, self._drawing = [], None
+
+
+def rgb_of(picture: np.ndarray) -> np.ndarray:
+    """(height, width, 3) uint8: a copy of a picture (height, width) uint32."""
+    return picture.view(np.uint8).reshape(*picture.shape, 4)[..., :3].copy()
 
 
 def _union(a: np.ndarray, b: np.ndarray) -> np.ndarray:

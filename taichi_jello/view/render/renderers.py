@@ -21,17 +21,27 @@ Run = Simulation | Recorded | Replayed
 Renderer = ggui.Ggui | raster.Raster
 
 
-def open_renderer(name: str = "auto", size: Size = SIZE, samples: int = 2) -> Renderer:
-    """A renderer into memory: `auto` is the rasteriser, or GGUI if Taichi runs on Vulkan or Metal.
-    size: (width, height) [pixels]; samples: 1, or 2 for smooth edges. Close it before Taichi starts again and, if it is
-    GGUI, before the next one. Raises RuntimeProblem if it cannot draw."""
+def chosen(name: str) -> str:
+    """What a renderer's name means here, for pictures, films and the window alike: `auto` is the rasteriser, or GGUI's
+    own drawing where Taichi runs on Vulkan or Metal, which lack the 64-bit atomics that the rasteriser needs. Raises
+    RuntimeProblem for an unknown name."""
     if name not in NAMES:
         raise RuntimeProblem(f"renderer: expected one of {', '.join(NAMES)}, got {name!r}")
+    if name == "auto":
+        return "ggui" if runtime.current().arch in raster.ARCHES_WITHOUT else "raster"
+    return name
+
+
+def open_renderer(name: str = "auto", size: Size = SIZE, samples: int = 2) -> Renderer:
+    """A renderer into memory; `chosen` says which.
+    size: (width, height) [pixels]; samples: 1, or 2 for smooth edges. Close it before Taichi starts again and, if it is
+    GGUI, before the next one. Raises RuntimeProblem if it cannot draw."""
+    name = chosen(name)
     if min(size) < 16 or max(size) > 8192:
         raise RuntimeProblem(f"size: expected 16 to 8192 pixels a side, got {size[0]} x {size[1]}")
     if samples not in (1, 2):
         raise RuntimeProblem(f"samples: expected 1 or 2, got {samples}")
-    if name == "ggui" or (name == "auto" and runtime.current().arch in ("vulkan", "metal")):
+    if name == "ggui":
         return ggui.Ggui(size, samples)
     return raster.Raster(size, samples)
 

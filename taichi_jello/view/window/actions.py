@@ -34,7 +34,7 @@ def restart(viewer: "Viewer") -> None:
         viewer.replay.scrub(-viewer.replay.frames)
     else:
         viewer.simulation.reset()
-    viewer.pace.rest()
+    viewer.pace.in_real_time()
 
 
 def next_color(viewer: "Viewer") -> None:
@@ -144,6 +144,7 @@ def next_demo(viewer: "Viewer") -> None:
             return
         ended = viewer.end_recording()
         viewer.open(following)
+        viewer.pace.in_real_time()
         viewer.notice = ended
 
     viewer.let_go()
@@ -163,7 +164,7 @@ HELP = (
     ("Shift drag", "pull it up to you, push it away"),
     ("drag beside it", "turn the view; right drag too"),
     ("middle drag", "move the view"),
-    ("W S", "nearer, farther"),
+    ("W S", "nearer, farther (no wheel)"),
     ("F", "look at the jello"),
     ("O", "the first view again"),
     ("left right up down", "push the jello"),
@@ -173,7 +174,7 @@ HELP = (
     ("Space", "pause, go on"),
     ("right", "one frame, while paused"),
     ("left right", "in a replay: back, on"),
-    ("R  BackSpace", "start again"),
+    ("R  BackSpace", "start again, in real time"),
     ("M", "next method"),
     ("N", "next demo"),
     ("Tab", "panel and energies"),

@@ -20,6 +20,11 @@ class Pace:
         """Forget the time that has passed."""
         self._owed = 0.0
 
+    def in_real_time(self) -> None:
+        """End slow motion, and forget the time that has passed."""
+        self.scale = 1.0
+        self.rest()
+
     def advance(self, simulation: Run, seconds: float) -> int:
         """Make the whole physics frames for `seconds` of the clock. Returns how many."""
         frame_dt = simulation.frame_dt

@@ -18,7 +18,7 @@ SPAN = 5.0  # s of the past that is kept
 REST_FACTOR = 10.0  # pause between two measurements of the force, over the time that one takes
 ENERGIES = ("kinetic", "elastic", "gravity")
 COLORS = (palette.FORCE_RAMP[-1], palette.FAMILIES[0], palette.FAMILIES[2])  # of their curves
-PLOT = (300.0, 120.0)  # of the axes, in pixels of a picture 720 rows high
+PLOT, SCALE = (300.0, 120.0), 66.0  # of the axes and of their numbers, in pixels of a picture 720 rows high
 
 
 class Gauges:
@@ -67,19 +67,26 @@ def plot(sheet: Sheet, past: Sequence[tuple[float, ...]]) -> None:
     s = min(sheet.scale, sheet.size[0] / 760.0)
     height, margin = 0.8 * TEXT * s, MARGIN * s
     width, tall = PLOT[0] * s, PLOT[1] * s
-    right, bottom = sheet.size[0] - margin, sheet.size[1] - MARGIN * sheet.scale - 3.0 * TEXT * sheet.scale
+    right = sheet.size[0] - margin - 18.0 * s
+    bottom = sheet.size[1] - MARGIN * sheet.scale - 3.0 * TEXT * sheet.scale - 12.0 * s
     left, top = right - width, bottom - tall
-    sheet.quad(left - 12.0 * s, top - 30.0 * s, width + 24.0 * s, tall + 40.0 * s, palette.PAPER)
+    edge = left - SCALE * s  # of the numbers of the scale
+    sheet.quad(edge - 8.0 * s, top - 36.0 * s, right - edge + 26.0 * s, tall + 64.0 * s, palette.PAPER)
     times, *energies = np.array(past, float).reshape(-1, 1 + len(ENERGIES)).T
     most = round_up(float(np.abs(energies).max(initial=1e-9)))
     least = -most if np.min(energies, initial=0.0) < -0.02 * most else 0.0
-    zero = bottom + least / (most - least) * tall
-    for y in (zero, top):
-        sheet.line(np.array([[left, y], [right, y]]), 2.0 * s, palette.GRID)
-    sheet.text(f"{most:g} J", left, top - 11.0 * s, height, palette.EDGE)
+    for level in sorted({least, 0.0, 0.5 * most, most}):
+        y = bottom - (level - least) / (most - least) * tall
+        sheet.line(np.array([[left, y], [right, y]]), s, palette.GRID)
+        sheet.text(f"{level:g}", left - 7.0 * s, y + 0.5 * height, height, align=1.0)
+    for k in range(int(SPAN) + 1):
+        column = right - k / SPAN * width
+        sheet.line(np.array([[column, bottom], [column, bottom + 5.0 * s]]), s, palette.GRID)
+        sheet.text(f"-{k} s" if k else "now", column, bottom + 10.0 * s + height, height, align=0.5)
+    sheet.text("J", left - 7.0 * s, top - 18.0 * s, height, align=1.0)
     x = right
     for name, rgb in zip(reversed(ENERGIES), reversed(COLORS), strict=True):
-        sheet.text(name, x, top - 11.0 * s, height, rgb, align=1.0)
+        sheet.text(name, x, top - 18.0 * s, height, rgb, align=1.0)
         x -= text_width(name, height) + 12.0 * s
     if len(times) > 1:
         columns = right - (times[-1] - times) / SPAN * width

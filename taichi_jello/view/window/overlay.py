@@ -1,12 +1,14 @@
 """What the window writes over the picture: legend, state, grabbed point, energies, culprit and help."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from taichi_jello.physics.forces.grab import Held
 from taichi_jello.run.find_culprit import Culprit
 from taichi_jello.view.camera import Viewpoint
 from taichi_jello.view.drawing import palette
-from taichi_jello.view.render.legend import MARGIN, PEN, TEXT, Sheet, legend
+from taichi_jello.view.render.legend import MARGIN, TEXT, Sheet, legend
 from taichi_jello.view.window.actions import HELP
 from taichi_jello.view.window.gauges import plot
 from taichi_jello.view.window.viewer import Viewer
@@ -15,25 +17,29 @@ ANGLES = np.linspace(0.0, 2.0 * np.pi, 25)
 CIRCLE = np.stack([np.cos(ANGLES), np.sin(ANGLES)], 1)
 CROSS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
 SMALL = 10.0  # height of a capital
+RIM = 0.34  # the width of a pale rim around letters over a picture, over the height of a capital
 
 
 def overlay(viewer: Viewer) -> Sheet:
     """The whole sheet for the viewer's window."""
     sheet = legend(viewer.drawing.key, viewer.simulation.time, viewer.size)
     s = sheet.scale
-    sheet.text(state(viewer), viewer.size[0] - MARGIN * s, 40.0 * s, TEXT * s, align=1.0)
+    for k, words in enumerate((state(viewer), pace(viewer))):
+        sheet.text(words, viewer.size[0] - MARGIN * s, (40.0 + 22.0 * k) * s, (TEXT, SMALL)[k] * s, align=1.0)
     if viewer.helping:
         write_title(sheet, viewer)
         write_help(sheet)
         return sheet
-    write_title(sheet, viewer, viewer.notice or "H: help", palette.INK if viewer.notice else palette.EDGE)
-    if viewer.panelled:
-        plot(sheet, viewer.gauges.past)
-    if viewer.culprit is not None:
-        mark_culprit(sheet, viewer.culprit, viewer.simulation.snapshot().x, viewer.viewpoint)
+    write_title(sheet, viewer, viewer.notice or "H: help", palette.INK)
     held = viewer.simulation.held if viewer.grabbed is not None or viewer.replay else None
     if held is not None:
         mark_grab(sheet, held, viewer.viewpoint)
+    if viewer.culprit is not None:
+        mark_culprit(sheet, viewer.culprit, viewer.simulation.snapshot().x, viewer.viewpoint)
+    # Readable over a jello of any colour.
+    sheet.texts += [replace(text, pen=text.pen + RIM, rgb=palette.PAPER) for text in sheet.texts]
+    if viewer.panelled:
+        plot(sheet, viewer.gauges.past)
     return sheet
 
 
@@ -50,11 +56,18 @@ def state(viewer: Viewer) -> str:
     words = f"{viewer.simulation.method}   {viewer.rate:.0f} fps" + ("   filming" if viewer.filming else "")
     if viewer.replay:
         words += f"   replay {viewer.replay.frames} / {viewer.replay.length}"
-    if viewer.paused:
-        words += "   paused"
-    elif abs(viewer.pace.speed - 1.0) > 0.05:
-        words += f"   real time x {viewer.pace.speed:.2f}"
-    return words + ("   unsafe dt" if viewer.unsafe else "")
+    return words + ("   paused" if viewer.paused else "") + ("   unsafe step" if viewer.unsafe else "")
+
+
+def pace(viewer: Viewer) -> str:
+    """How fast time runs, if not as fast as the clock: as asked for, or as the machine can."""
+    asked, speed = viewer.pace.scale, viewer.pace.speed
+    words = []
+    if asked != 1.0:
+        words.append(f"{'slow' if asked < 1.0 else 'fast'} motion x {asked:.2f}; R: real time")
+    if not viewer.paused and not viewer.filming and abs(speed - asked) > 0.05 * max(asked, 0.5):
+        words.append(f"real time x {speed:.2f}")
+    return "   ".join(words)
 
 
 def mark_grab(sheet: Sheet, held: Held, viewpoint: Viewpoint) -> None:
@@ -66,8 +79,7 @@ def mark_grab(sheet: Sheet, held: Held, viewpoint: Viewpoint) -> None:
     lines = [np.stack([point, target]), point + 5.0 * s * CIRCLE, target + 10.0 * s * CIRCLE, target + 5.0 * s * CROSS]
     draw_rimmed(sheet, lines, 5.0, 2.0, palette.INK)
     x = min(target[0] + 18.0 * s, sheet.size[0] - 70.0 * s)
-    for pen, rgb in ((0.45, palette.PAPER), (PEN, palette.INK)):
-        sheet.text(f"{np.linalg.norm(held.force):.3g} N", x, target[1] - 12.0 * s, 13.0 * s, rgb, pen=pen)
+    sheet.text(f"{np.linalg.norm(held.force):.3g} N", x, target[1] - 12.0 * s, 13.0 * s)
 
 
 def mark_culprit(sheet: Sheet, culprit: Culprit, x: np.ndarray, viewpoint: Viewpoint) -> None:

@@ -13,7 +13,7 @@ from taichi_jello.view.window.viewer import Viewer
 
 LEFT, TOP = 20.0, 75.0  # of its corner, in pixels of a window 720 rows high
 SETTLING_FRAMES = 4  # until a button that was released reports it
-SIZE = (380, 370)  # pixels: GGUI's letters are 13 pixels high in any window
+SIZE = (430, 420)  # pixels: GGUI's letters are 13 pixels high in any window
 
 
 class Panel:
@@ -63,9 +63,9 @@ class Panel:
                 self._generation += not self._used
                 self._used = False
 
-    def _slider(self, gui: Gui, name: str, value: float, low: float, high: float) -> float:
-        """The value that the person chose, or the old one."""
-        new = gui.slider_float(name, value, low, high)
+    def _slider(self, gui: Gui, words: str, key: str, value: float, low: float, high: float) -> float:
+        """The value that the person chose, or the old one. GGUI knows a slider by what follows ###."""
+        new = gui.slider_float(f"{words}###{key}", value, low, high)
         if np.float32(new) == np.float32(value):
             return value
         self._used = True
@@ -75,22 +75,23 @@ class Panel:
         tuning = viewer.simulation.tuning
         contact = viewer.simulation.first_tuning.get("contact_stiffness") or 2000.0
         new: dict[str, Any] = {}
-        for key, name, low, high in (
-            ("stiffness", "stiffness x", 0.1, 10.0),
-            ("damping", "damping x", 0.0, 10.0),
-            ("volume", "volume", 0.0, 20.0),
-            ("friction", "friction", 0.0, 2.0),
-            ("contact_stiffness", "contact [N/m]", 0.1 * contact, 10.0 * contact),
+        for key, words, low, high in (
+            ("stiffness", "stiffness ×{:.1f}", 0.1, 10.0),
+            ("damping", "damping ×{:.1f}", 0.0, 10.0),
+            ("volume", "volume {:.1f}", 0.0, 20.0),
+            ("friction", "friction {:.2f}", 0.0, 2.0),
+            ("contact_stiffness", "contact {:.0f} N/m", 0.1 * contact, 10.0 * contact),
         ):
             if key in tuning:
-                new[key] = self._slider(gui, name, tuning[key], low, high)
+                new[key] = self._slider(gui, words.format(tuning[key]), key, tuning[key], low, high)
         if "gravity" in tuning:
             x, y, z = tuning["gravity"]
-            new["gravity"] = (x, self._slider(gui, "gravity [m/s2]", y, -20.0, 20.0), z)
+            new["gravity"] = (x, self._slider(gui, f"gravity {y:.2f} m/s²", "gravity", y, -20.0, 20.0), z)
         changed = {key: value for key, value in new.items() if value != tuning[key]}
         if changed:
             viewer.tune(**changed)
-        viewer.pace.scale = self._slider(gui, "time x", viewer.pace.scale, 0.05, 2.0)
+        scale = viewer.pace.scale
+        viewer.pace.scale = self._slider(gui, f"time ×{scale:.2f}", "time", scale, 0.05, 2.0)
 
     def _buttons(self, gui: Gui, viewer: Viewer) -> None:
         for words, action in (
@@ -105,9 +106,9 @@ class Panel:
 
 def read_outs(gui: Gui, viewer: Viewer) -> None:
     simulation, pace, gauges = viewer.simulation, viewer.pace, viewer.gauges
-    gui.text(f"{viewer.rate:.0f} fps, real time x {pace.speed:.2f}")
-    gui.text(f"physics {1e3 * pace.cost:.2f} ms a frame, {simulation.substeps} steps")
-    gui.text(f"dt {1e3 * viewer.dt:.3g} ms, safe dt {1e3 * simulation.safe_dt:.3g} ms")
+    gui.text(f"{viewer.rate:.0f} pictures a second, real time ×{pace.speed:.2f}")
+    gui.text(f"physics {1e3 * pace.cost:.2f} ms a frame, {simulation.substeps} steps each")
+    gui.text(f"step {1e3 * viewer.dt:.3g} ms (safe {1e3 * simulation.safe_dt:.3g} ms)")
     if gauges.past:
         for name, joules in zip(ENERGIES, gauges.past[-1][1:], strict=True):
             gui.text(f"{name} energy {joules:.4g} J")

@@ -32,16 +32,20 @@ def play(
     folder: str | Path = ".",
     seconds: float | None = None,
     make: Make = Simulation,
+    renderer: str = "auto",
 ) -> None:
     """Show a simulation in a window until Esc, its close button, or `seconds` of simulated time.
-    make: simulates the demos of N; folder: for pictures and films. A film that still runs is ended, and a line printed.
+    make: simulates the demos of N; folder: for pictures and films; renderer: auto, ggui or raster. A film that still
+    runs is ended, and a line printed.
     Raises RuntimeProblem without a Vulkan driver or a screen."""
     viewer = Viewer(simulation, folder, make, size)
-    screen = Screen(size, simulation.scene.title or "jello", viewer.keep)
+    screen = Screen(size, simulation.scene.title or "jello", viewer.keep, renderer)
     screen.write_alone(viewer, "compiling ...")
     last: float | None = None  # None after work whose time does not count
     handlers = leave_on_signals(viewer)
     try:
+        viewer.update()
+        screen.show(viewer)  # compiles: its time does not count
         while screen.running and not viewer.leaving and (seconds is None or viewer.simulation.time < seconds):
             interrupt.look()
             screen.listen(viewer)
@@ -51,6 +55,7 @@ def play(
             viewer.update()
             screen.show(viewer)
             if viewer.do_pending():
+                screen.forget_keys()
                 last = None
     finally:
         for number, handler in handlers.items():

@@ -6,13 +6,13 @@ import numpy as np
 import taichi as ti
 from taichi.ui.utils import get_field_info
 
-from taichi_jello.support import runtime
 from taichi_jello.view.drawing import palette
 from taichi_jello.view.render.display import DisplayGuard
 from taichi_jello.view.render.ggui import COLOR, WHITE, Ggui, require, vertices
 from taichi_jello.view.render.legend import Line, Quad, Sheet, Text, legend
-from taichi_jello.view.render.raster import Raster
+from taichi_jello.view.render.renderers import chosen
 from taichi_jello.view.window.overlay import overlay, write_title
+from taichi_jello.view.window.painter import Painter
 from taichi_jello.view.window.panel import Panel
 from taichi_jello.view.window.viewer import Viewer
 
@@ -21,19 +21,19 @@ BUTTONS = {ti.ui.LMB: "left", ti.ui.RMB: "right", ti.ui.MMB: "middle"}
 
 class Screen:
     """One window of `size` (width, height) [pixels]. Raises RuntimeProblem if none can be opened. If the display goes
-    away, the process ends with one line, to which `keep` adds what it has saved."""
+    away, the process ends with one line, to which `keep` adds what it has saved. renderer: see `chosen`. With the
+    rasteriser GGUI shows the finished picture; its own drawing leaks up to a megabyte a frame on Mesa's software
+    driver."""
 
-    def __init__(self, size: tuple[int, int], title: str, keep: Callable[[], str] = str):
+    def __init__(self, size: tuple[int, int], title: str, keep: Callable[[], str] = str, renderer: str = "auto"):
         require(window=True)
+        self._painter = Painter() if chosen(renderer) == "raster" else None
         self._keep = keep
         self._guard = DisplayGuard(self._on_loss)
         self._renderer = Ggui(size, samples=1, window=True, title=title)
-        # Mesa's software driver leaks up to a megabyte for every frame in three dimensions, gigabytes in minutes. There
-        # the rasteriser draws, and GGUI shows its picture.
-        software = not runtime.has_real_vulkan() and runtime.current().arch not in ("vulkan", "metal")
-        self._raster = Raster(size, samples=1) if software else None
         self._window = self._renderer.window
         self._panel = Panel(size)
+        self._stale = 0  # calls of listen() that hear what was pressed during slow work
 
     def _on_loss(self) -> str:
         self._renderer.remove_folder()
@@ -49,7 +49,10 @@ class Screen:
         viewer.size = width, height = self._window.get_window_shape()
         right, up = self._window.get_cursor_pos()
         at = (right * width, (1.0 - up) * height)
+        stale, self._stale = self._stale > 0, max(self._stale - 1, 0)
         for event in self._window.get_events(ti.ui.PRESS):
+            if stale and event.key != ti.ui.ESCAPE:
+                continue
             if event.key not in BUTTONS:
                 viewer.handle_key(event.key)
             elif not self._panel.takes(at):
@@ -62,28 +65,35 @@ class Screen:
         if not self._window.is_pressed(ti.ui.LMB):
             self._panel.release()
 
+    def forget_keys(self) -> None:
+        """Ignore what was pressed until now, but Esc: GGUI fetches it in the next show()."""
+        self._stale = 2
+
     def show(self, viewer: Viewer) -> None:
         """Draw the scene, the overlay and the panel. Saved pictures have the legend, but no overlay."""
         self._draw(viewer)
         if viewer.wants_picture or viewer.filming:
-            image = (self._raster or self._renderer).image()
-            if self._raster is None:
+            if self._painter is None:
+                image = self._renderer.image()
                 self._draw(viewer)  # reading GGUI's picture back has ended it
+            else:
+                image = self._painter.image(viewer)
             legend(viewer.drawing.key, viewer.simulation.time, viewer.size).stamp(image)
             viewer.take(image)
-        self._write(overlay(viewer))
+        sheet = overlay(viewer)
+        if self._painter is None:
+            self._write(sheet)
+        else:
+            self._shown = self._painter.under(sheet)  # GGUI reads it in show()
+            self._renderer.canvas.canvas.set_image(get_field_info(self._shown))
         self._panel.show(self._window.get_gui(), viewer)
         self._flip()
 
     def _draw(self, viewer: Viewer) -> None:
-        if self._raster is None:
+        if self._painter is None:
             self._renderer.draw(viewer.drawing, viewer.viewpoint)
-            return
-        if self._raster.size != viewer.size:
-            self._raster = Raster(viewer.size, samples=1)
-        self._raster.draw(viewer.drawing, viewer.viewpoint)
-        self._shown = self._raster.columns()  # GGUI reads it in show()
-        self._renderer.canvas.canvas.set_image(get_field_info(self._shown))
+        else:
+            self._painter.draw(viewer, finest=viewer.wants_picture)
 
     def write_alone(self, viewer: Viewer, words: str) -> None:
         """Show the title and these words before anything is drawn."""

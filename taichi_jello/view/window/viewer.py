@@ -41,7 +41,6 @@ class Viewer:
         self._notice, self._notice_age = "", 0.0
         self._button, self._cursor = "", (0.0, 0.0)
         self._pending: Callable[[], None] | None = None
-        self._keys: list[str] = []  # pressed meanwhile
         self.open(simulation)
 
     def open(self, simulation: Run) -> None:
@@ -91,16 +90,18 @@ class Viewer:
         return self.pictures.filming
 
     def handle_key(self, key: str) -> bool:
-        """Do what a key means, after pending work; False if it means nothing. GGUI's names: " ", "r", "Right"."""
-        if key.lower() not in KEYS:
+        """Do what a key means; False if it means nothing. While work is pending, only Esc does. GGUI's names: " ", "r",
+        "Right"."""
+        action = KEYS.get(key.lower())
+        if action is None or (self.waiting and action is not KEYS["escape"]):
             return False
-        self._keys.append(key.lower())
-        self._handle_keys()
+        action(self)
         return True
 
-    def _handle_keys(self) -> None:
-        while self._keys and self._pending is None:
-            KEYS[self._keys.pop(0)](self)
+    @property
+    def waiting(self) -> bool:
+        """Whether slow work is pending."""
+        return self._pending is not None
 
     def press(self, button: str, at: Pixel) -> None:
         """A mouse button (left, right, middle) goes down: the left one grabs the jello there, else the view moves."""
@@ -248,11 +249,10 @@ class Viewer:
         self.notice, self._pending = words, work
 
     def do_pending(self) -> bool:
-        """Do the pending work, then the keys pressed meanwhile; False if there is none."""
+        """Do the pending work; False if there is none."""
         work, self._pending = self._pending, None
         if work is not None:
             work()
-            self._handle_keys()
         return work is not None
 
     def update(self) -> None:
@@ -263,10 +263,17 @@ class Viewer:
         if self.drawing.springs is not None:
             tuning = self.simulation.tuning
             self.drawing.springs.scale = (tuning.get("stiffness", 1.0), tuning.get("damping", 1.0))
-        now = self.simulation.snapshot()
+        now = self._now = self.simulation.snapshot()
         self.drawing.update(now.x, now.v, now.time, color=self.color, memory=now.memory)
         if self.panelled:
             self.gauges.read(self.simulation, now.x, now.v)
+
+    def moment(self) -> tuple[object, ...]:
+        """What the picture depends on since the last update: equal if nothing has changed."""
+        now, view, tuning = self._now, self.viewpoint, self.simulation.tuning
+        springs = tuning.get("stiffness"), tuning.get("damping")
+        seen = view.eye.tobytes(), view.target.tobytes(), view.fov, self.size, self.color, self.shown
+        return (id(self.drawing), now.time, now.x.tobytes(), now.v.tobytes(), *springs, *seen)
 
     def end_recording(self) -> str:
         """End the recording or replay, if the simulation is one. Returns a message."""

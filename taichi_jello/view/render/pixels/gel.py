@@ -118,13 +118,14 @@ def turned(n, d):
 
 
 @ti.func
-def way_inside(view: ti.template(), run: ti.template(), back: ti.template(), thick: ti.template(), p, toward, straight):
-    """(length [m], row, column): how far light that is seen at p has come through the body, and the pixel in which it
-    entered. straight: (length straight on, its length in a unit of depth, the body's size). toward: where a ray bent by
-    the surface would be after a guess of its length."""
+def way_inside(
+    view: ti.template(), run: ti.template(), back: ti.template(), thick: ti.template(), y, c, toward, straight
+):
+    """(length [m], row, column): how far light that pixel (y, c) shows has come through the body, and the pixel in
+    which it entered. straight: (length straight on, its length in a unit of depth, the body's size). toward: where a
+    ray bent by the surface would be after a guess of its length."""
     at = pixel_at(on_screen(view, toward), thick)
-    here = pixel_at(on_screen(view, p), thick)
-    found = vec3(straight[0], float(here[0]), float(here[1]))
+    found = vec3(straight[0], float(y), float(c))
     if at[0] >= run[3] and at[0] < run[5] and at[1] >= run[2] and at[1] < run[4]:
         there = ti.max(thick[at[0], at[1]] * UNIT, 0.0) * straight[1]
         found[0] = 0.5 * (straight[0] + ti.min(there, straight[0] + 0.5 * straight[2]))
@@ -219,7 +220,7 @@ def shade(
                 inner = vec3(bent[0], bent[1], bent[2])
                 straight = ti.math.clamp(thick[y, c] * UNIT, 0.0, ti.max(depths[y, c] - depth, 0.0)) * long
                 guess = p + inner * (straight + 0.25 * sizes[0] * (1.0 + d.dot(n)))
-                inside = way_inside(view, run, back, thick, p, guess, vec3(straight, long, sizes[0]))
+                inside = way_inside(view, run, back, thick, y, c, guess, vec3(straight, long, sizes[0]))
                 q = p + inner * ti.max(inside[0], sizes[1] / ti.max(-inner.dot(n), 0.3))
                 leave = back[int(inside[1]), int(inside[2])]
                 m = inner_normal(view, x, normal, faces, leave, inside[1], inside[2], inner)
@@ -237,13 +238,12 @@ def shade(
 
 
 @ti.kernel
-def settle(run: Index1, front: Keys, shaded: Colors, scene: Colors, depths: Depths, tops: Depths):
-    """Make the body that was shaded a part of the picture. tops: the nearest surface of any body."""
+def settle(run: Index1, front: Keys, shaded: Colors, scene: Colors, depths: Depths):
+    """Make the body that was shaded a part of the picture."""
     ti.loop_config(block_dim=16)
     for y in range(run[3], run[5]):
         for x in range(run[2], run[4]):
             if shaded[y, x, 0] >= 0.0:
                 depths[y, x] = ti.min(depths[y, x], depth_of(front[y, x]))
-                tops[y, x] = depths[y, x]
                 for k in ti.static(range(3)):
                     scene[y, x, k] = shaded[y, x, k]

@@ -83,7 +83,6 @@ def begin(
     box: Index2,
     scene: Colors,
     depths: Depths,
-    tops: Depths,
 ):
     """Start a picture in the part from column box[0, 0] and row box[0, 1] to box[1, 0] and box[1, 1]: the stage under
     the bodies' shadows."""
@@ -93,7 +92,9 @@ def begin(
             depth, shade = stage_depths[y, c], vec3(1.0)
             if depth < FAR:
                 p = row(view, EYE) + ray(view, float(c), float(y)) * depth
-                shade = ti.math.mix(light_at(grid, light, p), vec3(1.0), haze(studio, p))
-            depths[y, c] = tops[y, c] = depth
+                shade = light_at(grid, light, p)
+                if shade.min() < 1.0:
+                    shade = ti.math.mix(shade, vec3(1.0), haze(studio, p))
+            depths[y, c] = depth
             for k in ti.static(range(3)):
                 scene[y, c, k] = stage_colors[y, c, k] * shade[k]

@@ -14,13 +14,20 @@ THINNEST = 0.5  # pixels of radius
 
 
 @ti.func
-def across_stroke(ends: ti.template(), s, column, line):
-    """For a point on the screen: (distance from the middle line in radii, radius [pixels], place along it, 0 to 1)."""
-    a, b = ti.Vector([ends[s, 0], ends[s, 1]]), ti.Vector([ends[s, 3], ends[s, 4]])
-    p, run = ti.Vector([column, line]) - a, b - a
+def across(a, run, thick, column, line):
+    """For a point on the screen and a segment from a by `run`: (distance from the middle line in radii, radius
+    [pixels], place along it, 0 to 1). thick: the radius at either end."""
+    p = ti.Vector([column, line]) - a
     along = ti.math.clamp(p.dot(run) / ti.max(run.dot(run), 1e-9), 0.0, 1.0)
-    radius = ti.math.mix(ends[s, 6], ends[s, 7], along)
+    radius = ti.math.mix(thick[0], thick[1], along)
     return vec3((p - along * run).norm() / radius, radius, along)
+
+
+@ti.func
+def across_stroke(ends: ti.template(), s, column, line):
+    """`across` for stroke s."""
+    a, b = ti.Vector([ends[s, 0], ends[s, 1]]), ti.Vector([ends[s, 3], ends[s, 4]])
+    return across(a, b - a, ti.Vector([ends[s, 6], ends[s, 7]]), column, line)
 
 
 @ti.func
@@ -44,12 +51,13 @@ def strokes(view: Array2, x: Array2, pairs: Index2, radius: Array2, ends: Array2
             for k in ti.static(range(3)):
                 ends[s, k], ends[s, 3 + k] = a[k], b[k]
             wide = radius[s, 0] * view[EXTRA, 0]
-            ends[s, 6] = ti.math.clamp(wide / a[2], THINNEST, radius[s, 1])
-            ends[s, 7] = ti.math.clamp(wide / b[2], THINNEST, radius[s, 1])
-            reach = ti.max(ends[s, 6], ends[s, 7]) + 0.5
+            thick = ti.math.clamp(wide / ti.Vector([a[2], b[2]]), THINNEST, radius[s, 1])
+            ends[s, 6], ends[s, 7] = thick[0], thick[1]
+            reach = thick.max() + 0.5
             top = int(ti.math.clamp(ti.min(a[1], b[1]) - reach, 0.0, 1e6))
             bottom = int(ti.math.clamp(ti.max(a[1], b[1]) + reach, -1.0, keys.shape[0] - 1.0))
             run = ti.Vector([b[0] - a[0], b[1] - a[1]])
+            start, near_eye, change = ti.Vector([a[0], a[1]]), 1.0 / a[2], 1.0 / b[2] - 1.0 / a[2]
             for y in range(top, bottom + 1):
                 # The columns within reach of the part of the segment near this row.
                 near, far = ti.f32(0.0), ti.f32(1.0)
@@ -61,8 +69,8 @@ def strokes(view: Array2, x: Array2, pairs: Index2, radius: Array2, ends: Array2
                 first = int(ti.math.clamp(low, 0.0, 1e6))
                 last = int(ti.math.clamp(high, -1.0, keys.shape[1] - 1.0))
                 for c in range(first, last + 1):
-                    place = across_stroke(ends, s, c + 0.5, y + 0.5)
+                    place = across(start, run, thick, c + 0.5, y + 0.5)
                     if coverage(place) > 0.02:
-                        key = key_of(1.0 / ti.math.mix(1.0 / a[2], 1.0 / b[2], place[2]), s)
+                        key = key_of(1.0 / (near_eye + change * place[2]), s)
                         if key < keys[y, c]:
                             ti.atomic_min(keys[y, c], key)

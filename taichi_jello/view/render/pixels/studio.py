@@ -40,7 +40,9 @@ def studio_of(middle: np.ndarray, size: float, floor: float | None, colors: np.n
 @ti.func
 def schlick(cosine):
     """The part of the light that a surface reflects (Schlick 1994)."""
-    return FACING + (1.0 - FACING) * (1.0 - clamp(cosine, 0.0, 1.0)) ** 5
+    grazing = 1.0 - clamp(cosine, 0.0, 1.0)
+    square = grazing * grazing
+    return FACING + (1.0 - FACING) * square * square * grazing
 
 
 @ti.func
@@ -55,13 +57,14 @@ def sky(studio: ti.template(), d):
 def lamps(studio: ti.template(), p, d, blur):
     """The radiance of the lamps that a ray from p meets; their edges are as soft as `blur`, of half their sides."""
     light = 0.0
-    for k in ti.static(range(2)):
-        middle, half = row(studio, LAMPS + k), row(studio, HALVES + k)
-        if d[1] > 1e-3:
-            at = p + d * ((middle[1] - p[1]) / d[1]) - middle
-            edge = ti.max(ti.abs(at[0]) / half[0], ti.abs(at[2]) / half[2])
-            bright = 1.0 - smoothstep(1.0 - blur, 1.0 + blur, edge)
-            light += bright * ti.static((1.0, SECOND)[k])
+    if d[1] > 1e-3:
+        for k in ti.static(range(2)):
+            middle, half = row(studio, LAMPS + k), row(studio, HALVES + k)
+            at = ti.abs(p + d * ((middle[1] - p[1]) / d[1]) - middle)
+            reach = (1.0 + blur) * half
+            if at[0] < reach[0] and at[2] < reach[2]:
+                edge = ti.max(at[0] / half[0], at[2] / half[2])
+                light += (1.0 - smoothstep(1.0 - blur, 1.0 + blur, edge)) * ti.static((1.0, SECOND)[k])
     return GLARE * light * LAMP
 
 
@@ -80,9 +83,20 @@ def diffuse(studio: ti.template(), p, n, wrap):
 
 
 @ti.func
-def wave(at, blur):
-    """1 and -1 on the tiles in turn, smoothed over `blur` tiles."""
-    return clamp((4.0 * ti.abs(0.5 * at - ti.floor(0.5 * at) - 0.5) - 1.0) / ti.max(blur, 1e-4), -1.0, 1.0)
+def floor_light(studio: ti.template(), q):
+    """What the lamps add to the floor at q, of its albedo: `diffuse` for a normal that points up, without roots."""
+    light = 0.0
+    for k in ti.static(range(2)):
+        way = row(studio, LAMPS + k) - q
+        upright = way[1] * way[1] / way.norm_sqr()
+        light += upright * upright * ti.static((1.0, SECOND)[k])
+    return LIT * light * LAMP
+
+
+@ti.func
+def wave(at, sharp):
+    """1 and -1 on the tiles in turn, smoothed over 1 / sharp tiles."""
+    return clamp((4.0 * ti.abs(0.5 * at - ti.floor(0.5 * at) - 0.5) - 1.0) * sharp, -1.0, 1.0)
 
 
 @ti.func
@@ -90,7 +104,8 @@ def tiles(studio: ti.template(), p, blur):
     """The floor's albedo at p; blur: the width [m] over which a ray there takes its mean."""
     side = row(studio, SIZE)[1]
     soft = blur / side
-    check = wave(p[0] / side, soft) * wave(p[2] / side, soft) * (1.0 - smoothstep(0.4, 1.6, soft))
+    sharp = 1.0 / ti.max(soft, 1e-4)
+    check = wave(p[0] / side, sharp) * wave(p[2] / side, sharp) * (1.0 - smoothstep(0.4, 1.6, soft))
     return mix(row(studio, TILES + 1), row(studio, TILES), 0.5 + 0.5 * check)
 
 
@@ -107,17 +122,25 @@ def floor_way(studio: ti.template(), p, d):
 def haze(studio: ti.template(), q):
     """How much of the floor at q is lost in the haze, 0 to 1."""
     size, away = row(studio, SIZE)[0], q - row(studio, MIDDLE)
-    return smoothstep(HAZE[0] * size, HAZE[1] * size, ti.sqrt(away[0] * away[0] + away[2] * away[2]))
+    far = ti.sqrt(away[0] * away[0] + away[2] * away[2])
+    lost = ti.f32(0.0)
+    if far > HAZE[0] * size:
+        lost = smoothstep(HAZE[0], HAZE[1], far / size)
+    return lost
 
 
 @ti.func
 def around(studio: ti.template(), p, d, blur, shade):
     """The radiance that reaches p against the direction d, without lamps. blur: the angle of the ray's cone; shade:
     what shadows leave of the light on the floor."""
-    color, way = sky(studio, d), floor_way(studio, p, d)
-    if way >= 0.0:
+    color, way = row(studio, HORIZON), floor_way(studio, p, d)
+    if way < 0.0:
+        color = sky(studio, d)
+    else:
         q = p + d * way
-        wide = blur * way / ti.max(ti.sqrt(-d[1]), 0.05)
-        lit = tiles(studio, q, wide) * (AMBIENT + diffuse(studio, q, vec3(0.0, 1.0, 0.0), 0.0)) * shade
-        color = mix(lit, row(studio, HORIZON), haze(studio, q))
+        lost = haze(studio, q)
+        if lost < 1.0:
+            wide = blur * way / ti.max(ti.sqrt(-d[1]), 0.05)
+            lit = tiles(studio, q, wide) * (AMBIENT + floor_light(studio, q)) * shade
+            color = mix(lit, row(studio, HORIZON), lost)
     return color
