@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import hypot
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import taichi as ti
@@ -51,10 +51,12 @@ class PenaltyContact(ParticleForce):
     reads_velocity = True
     has_curvature = True
     works = ("contact dashpots", "friction", "moving colliders")
+    guards: ClassVar[bool] = True
     bare: Any  # whether each particle touches, where `masked`
 
-    def __init__(self, scene: Scene, particles: Particles):
-        self.particles, self.colliders = particles, self._sorted(scene.collider)
+    def __init__(self, scene: Scene, particles: Particles, colliders: Sequence[Any], touching: int):
+        """touching: how many points touch the colliders."""
+        self.particles, self.colliders = particles, self._sorted(colliders)
         self.lanes, self.Lanes = particles.memory.lanes, particles.memory.lane_vector
         groups: list[Group] = []
         end = 0
@@ -63,12 +65,12 @@ class PenaltyContact(ParticleForce):
             if groups and groups[-1].signed_distance is collider.signed_distance:
                 groups[-1] = replace(groups[-1], stop=end)
             else:
-                groups.append(Group(collider.signed_distance, collider.core_entry, start, end))
+                groups.append(Group(collider.signed_distance, collider.core_entry if self.guards else None, start, end))
         self.groups, self.in_passes = tuple(groups), end > BROAD_PHASE_ABOVE
         self.law = ContactLaw(scene, particles.body, particles.memory, self.title)
         self.rubs = self.ends_steps = self.law.rubs
         if self.rubs:
-            self.anchors = Anchors(self.title, particles.memory, self._touching_points(particles))
+            self.anchors = Anchors(self.title, particles.memory, touching)
             blocks = np.zeros(particles.memory.padded // self.lanes, np.int32)
             self.touched = particles.memory.table(self.title, "passes that touch", blocks)
         self.rows = particles.memory.table(self.title, "surfaces", self._rows(0.0, scene.solver.frame_dt))
@@ -86,10 +88,6 @@ class PenaltyContact(ParticleForce):
         """(N,) bool: the particles that continuous collision detection is for."""
         return ~body.embedded
 
-    @staticmethod
-    def _touching_points(particles: Particles) -> int:
-        return len(particles.body)
-
     @classmethod
     def made_for(cls, scene: Scene, particles: Particles) -> list["PenaltyContact"]:
         """For the particles of jellos without an embedded skin. The others touch with their skin (skin_penalty.py), and
@@ -98,7 +96,7 @@ class PenaltyContact(ParticleForce):
         embedded = body.embedded & ~(body.inside & loose(scene)[body.jello])
         if not scene.collider or scene.contact.stiffness == 0.0 or embedded.all():
             return []
-        made = cls(scene, particles)
+        made = cls(scene, particles, scene.collider, len(body))
         if embedded.any():
             bare = np.pad(1 - embedded.astype(np.int32), (0, particles.memory.padded - len(embedded)))
             made.masked, made.bare = True, particles.memory.table(cls.title, "bare", bare)

@@ -1,11 +1,14 @@
 """Penalty contact of embedded skins with colliders: at the skin's points, given to the corners of their cells."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces._base import even_block
 from taichi_jello.physics.forces.collider_contact.collider_penalty import PenaltyContact
-from taichi_jello.physics.forces.contact_law import shares
+from taichi_jello.physics.forces.collider_contact.surface_points import SurfacePoints, of_skin
 from taichi_jello.physics.particles import Particles
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
@@ -28,18 +31,15 @@ class SkinContact(PenaltyContact):
     title = "skin contact"
     prepares = True
 
-    def __init__(self, scene: Scene, particles: Particles):
-        super().__init__(scene, particles)
-        self.in_passes = False
+    def __init__(self, scene: Scene, particles: Particles, colliders: Sequence[Any], points: SurfacePoints):
+        super().__init__(scene, particles, colliders, len(points))
+        self.in_passes, self.touching, self.width = False, points, points.corners.shape[1]
         body, memory = particles.body, particles.memory
-        cells, cell = np.unique(body.skin_corners, axis=0, return_inverse=True)
+        cells, cell = np.unique(points.corners, axis=0, return_inverse=True)
         cell = cell.ravel()
         order, self.points = np.argsort(cell, kind="stable"), len(cells)
-        self.share = shares(body)
-        place = body.skin_weights @ np.array([[k >> 2, k >> 1 & 1, k & 1] for k in range(8)])
         by_particle = np.argsort(cells.ravel(), kind="stable")
-        # Place in the cell, 0 to 1 along each side; share.
-        skin = np.column_stack([place, self.share])[order]
+        skin = np.column_stack([points.place, points.share])[order]
         self.corners = memory.table(self.title, "corners", cells)
         self.start = memory.table(self.title, "start", np.searchsorted(cell[order], np.arange(len(cells) + 1)))
         self.skin = memory.table(self.title, "skin", skin)
@@ -47,21 +47,17 @@ class SkinContact(PenaltyContact):
         self.first = memory.table(self.title, "first", first)
         self.around = memory.table(self.title, "around", by_particle)  # 8 cell + corner, for each particle
         self.near = memory.table(self.title, "near", np.zeros(len(cells), np.int32))
-        self.forces = memory.table(self.title, "forces", np.zeros((8 * len(cells), 3)))
+        self.forces = memory.table(self.title, "forces", np.zeros((self.width * len(cells), 3)))
 
     @classmethod
     def made_for(cls, scene: Scene, particles: Particles) -> list[PenaltyContact]:
         wanted = scene.collider and scene.contact.stiffness != 0.0 and len(particles.body.skin_corners)
-        return [cls(scene, particles)] if wanted else []
+        return [cls(scene, particles, scene.collider, of_skin(particles.body))] if wanted else []
 
     def steepest(self, each: np.ndarray) -> float:
-        body = self.particles.body
-        share = self.share * each[body.jello[body.skin_corners[:, 0]]]
-        return steepest(body.mass, body.skin_corners, body.skin_weights, share)
-
-    @staticmethod
-    def _touching_points(particles: Particles) -> int:
-        return len(particles.body.skin_corners)
+        body, points = self.particles.body, self.touching
+        share = points.share * each[body.jello[points.corners[:, 0]]]
+        return steepest(body.mass, points.corners, points.weights, share)
 
     @staticmethod
     def _swept(body: Body) -> np.ndarray:
@@ -80,7 +76,7 @@ class SkinContact(PenaltyContact):
     def at_point(self, q, cell, x):
         """Σ w x, the value of a field at the skin's point q in a cell."""
         p = ti.Vector([0.0, 0.0, 0.0])
-        for k in ti.static(range(8)):
+        for k in ti.static(range(self.width)):
             p += self.weight(k, self.skin[q]) * x[self.corners[cell][k]]
         return p
 
@@ -90,7 +86,7 @@ class SkinContact(PenaltyContact):
         between the corners, since distances to a surface differ by no more than the way from point to point."""
         corners = self.corners[cell]
         p, squared_reach = x[corners[0]], ti.cast(0.0, float)
-        for k in ti.static(range(1, 8)):
+        for k in ti.static(range(1, self.width)):
             way = x[corners[k]] - p
             squared_reach = ti.max(squared_reach, way.dot(way))
         return ti.select(self.gap(p, t) <= ti.sqrt(squared_reach), 1, 0)
@@ -101,15 +97,15 @@ class SkinContact(PenaltyContact):
             near = self.may_touch(cell, x, t)
             self.near[cell] = near
             if near:
-                law, sums = self.law.of(self.corners[cell][0]), ti.Matrix.zero(float, 8, 3)
+                law, sums = self.law.of(self.corners[cell][0]), ti.Matrix.zero(float, self.width, 3)
                 for q in range(self.start[cell], self.start[cell + 1]):
                     p, u = self.at_point(q, cell, x), self.at_point(q, cell, v)
                     force = self.push(law, q, p, u, t, self.skin[q][3])
-                    for k in ti.static(range(8)):
+                    for k in ti.static(range(self.width)):
                         for axis in ti.static(range(3)):
                             sums[k, axis] += self.weight(k, self.skin[q]) * force[axis]
-                for k in ti.static(range(8)):
-                    self.forces[8 * cell + k] = ti.Vector([sums[k, 0], sums[k, 1], sums[k, 2]])
+                for k in ti.static(range(self.width)):
+                    self.forces[self.width * cell + k] = ti.Vector([sums[k, 0], sums[k, 1], sums[k, 2]])
 
     @ti.func
     def end_step(self, system, first, last, x, t):
@@ -123,7 +119,7 @@ class SkinContact(PenaltyContact):
     def on(self, i, x, v, t):
         force = ti.Vector([0.0, 0.0, 0.0])
         for e in range(self.first[i], self.first[i + 1]):
-            if self.near[self.around[e] // 8]:
+            if self.near[self.around[e] // self.width]:
                 force += self.forces[self.around[e]]
         return force
 
@@ -132,11 +128,11 @@ class SkinContact(PenaltyContact):
         """The eight weights of a point sum to one, so w times its block bounds what ties this corner to the others."""
         total = even_block(ti.cast(0.0, float))
         for e in range(self.first[i], self.first[i + 1]):
-            cell, own = self.around[e] // 8, self.around[e] % 8
+            cell, own = self.around[e] // self.width, self.around[e] % self.width
             if self.near[cell]:
                 for q in range(self.start[cell], self.start[cell + 1]):
                     share = ti.cast(0.0, float)
-                    for k in ti.static(range(8)):
+                    for k in ti.static(range(self.width)):
                         share += self.weight(k, self.skin[q]) * (own == k)
                     p, u = self.at_point(q, cell, x), self.at_point(q, cell, v)
                     total += share * self.stiffening(self.law.of(i), q, p, u, t, h, self.skin[q][3])
@@ -147,8 +143,8 @@ class SkinContact(PenaltyContact):
         """Over the points of the cells that have particle i for their first corner."""
         total = zero
         for e in range(self.first[i], self.first[i + 1]):
-            if self.around[e] % 8 == 0:
-                cell = self.around[e] // 8
+            if self.around[e] % self.width == 0:
+                cell = self.around[e] // self.width
                 for q in range(self.start[cell], self.start[cell + 1]):
                     p, u = self.at_point(q, cell, x), self.at_point(q, cell, v)
                     total += term(self.law.of(i), q, p, u, t, self.skin[q][3])
