@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import hypot
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -14,7 +14,6 @@ from taichi_jello.physics.forces.collider_contact.friction import Anchors, frict
 from taichi_jello.physics.forces.contact_law import ContactLaw
 from taichi_jello.physics.forces.springs.spring_state import loose
 from taichi_jello.physics.particles import Particles
-from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
 
 BROAD_PHASE_ABOVE = 3  # surfaces; with fewer, testing each in full is as quick as a broad phase
@@ -51,7 +50,6 @@ class PenaltyContact(ParticleForce):
     reads_velocity = True
     has_curvature = True
     works = ("contact dashpots", "friction", "moving colliders")
-    guards: ClassVar[bool] = True
     bare: Any  # whether each particle touches, where `masked`
 
     def __init__(self, scene: Scene, particles: Particles, colliders: Sequence[Any], touching: int):
@@ -65,7 +63,7 @@ class PenaltyContact(ParticleForce):
             if groups and groups[-1].signed_distance is collider.signed_distance:
                 groups[-1] = replace(groups[-1], stop=end)
             else:
-                groups.append(Group(collider.signed_distance, collider.core_entry if self.guards else None, start, end))
+                groups.append(Group(collider.signed_distance, collider.core_entry, start, end))
         self.groups, self.in_passes = tuple(groups), end > BROAD_PHASE_ABOVE
         self.law = ContactLaw(scene, particles.body, particles.memory, self.title)
         self.rubs = self.ends_steps = self.law.rubs
@@ -81,12 +79,10 @@ class PenaltyContact(ParticleForce):
         self.surface_speed = 0.0
         if any(group.solid for group in groups):
             self.deep = particles.memory.table(self.title, "deep", np.zeros(1, np.int32))
-            self.sweep = Sweep(self, particles, self._swept(particles.body))
+            self.sweep = self._make_sweep(particles)
 
-    @staticmethod
-    def _swept(body: Body) -> np.ndarray:
-        """(N,) bool: the particles that continuous collision detection is for."""
-        return ~body.embedded
+    def _make_sweep(self, particles: Particles) -> Sweep:
+        return Sweep(self, particles, ~particles.body.embedded)
 
     @classmethod
     def made_for(cls, scene: Scene, particles: Particles) -> list["PenaltyContact"]:

@@ -8,6 +8,7 @@ import taichi as ti
 
 from taichi_jello.physics.forces._base import even_block
 from taichi_jello.physics.forces.collider_contact.collider_penalty import PenaltyContact
+from taichi_jello.physics.forces.collider_contact.continuous_collision import Sweep
 from taichi_jello.physics.forces.collider_contact.surface_points import SurfacePoints, of_skin
 from taichi_jello.physics.particles import Particles
 from taichi_jello.scene.body import Body
@@ -22,6 +23,15 @@ def steepest(mass: np.ndarray, corners: np.ndarray, weights: np.ndarray, share: 
     return float((root * np.bincount(corners.ravel(), row.ravel(), len(mass))).max())
 
 
+@ti.func
+def cell_weight(k: ti.template(), at):
+    """The trilinear weight of corner k = 4a + 2b + c at a place in the cell."""
+    w = at[0] if ti.static(k & 4) else 1.0 - at[0]
+    w *= at[1] if ti.static(k & 2) else 1.0 - at[1]
+    w *= at[2] if ti.static(k & 1) else 1.0 - at[2]
+    return w
+
+
 @ti.data_oriented
 class SkinContact(PenaltyContact):
     """Contact as in PenaltyContact, at points Σ w x of skins. `prepare` goes over the cells that hold skin: in a cell
@@ -32,14 +42,16 @@ class SkinContact(PenaltyContact):
     prepares = True
 
     def __init__(self, scene: Scene, particles: Particles, colliders: Sequence[Any], points: SurfacePoints):
+        self.touching, self.width = points, points.corners.shape[1]
         super().__init__(scene, particles, colliders, len(points))
-        self.in_passes, self.touching, self.width = False, points, points.corners.shape[1]
+        self.in_passes = False
         body, memory = particles.body, particles.memory
         cells, cell = np.unique(points.corners, axis=0, return_inverse=True)
         cell = cell.ravel()
         order, self.points = np.argsort(cell, kind="stable"), len(cells)
         by_particle = np.argsort(cells.ravel(), kind="stable")
         skin = np.column_stack([points.place, points.share])[order]
+        self.cells, self.skin_cells, self.skin_rows = cells, cell[order], skin
         self.corners = memory.table(self.title, "corners", cells)
         self.start = memory.table(self.title, "start", np.searchsorted(cell[order], np.arange(len(cells) + 1)))
         self.skin = memory.table(self.title, "skin", skin)
@@ -59,18 +71,13 @@ class SkinContact(PenaltyContact):
         share = points.share * each[body.jello[points.corners[:, 0]]]
         return steepest(body.mass, points.corners, points.weights, share)
 
-    @staticmethod
-    def _swept(body: Body) -> np.ndarray:
-        """Particles inside a skin stand for it; the others only carry it."""
-        return body.embedded & body.inside
+    def _make_sweep(self, particles: Particles) -> Sweep:
+        """For the particles inside a skin, which stand for it; the others only carry it."""
+        return Sweep(self, particles, particles.body.embedded & particles.body.inside)
 
     @ti.func
     def weight(self, k: ti.template(), at):
-        """The trilinear weight of corner k = 4a + 2b + c at a place in the cell."""
-        w = at[0] if ti.static(k & 4) else 1.0 - at[0]
-        w *= at[1] if ti.static(k & 2) else 1.0 - at[1]
-        w *= at[2] if ti.static(k & 1) else 1.0 - at[2]
-        return w
+        return cell_weight(k, at)
 
     @ti.func
     def at_point(self, q, cell, x):

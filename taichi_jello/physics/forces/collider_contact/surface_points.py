@@ -13,6 +13,7 @@ import numpy as np
 from taichi_jello.physics.forces.contact_law import shares
 from taichi_jello.scene.body import CORNERS, Body
 from taichi_jello.scene.description import Scene
+from taichi_jello.shapes._skin import trilinear
 
 SMALL = 2.0  # sides of triangles: thinner colliders are small
 HOLE = 0.5**1.5  # of a collider's thickness: the core of a sphere of half its size does not fit between four such points
@@ -109,17 +110,14 @@ def between_skin_points(body: Body, faces: Faces, parts: np.ndarray) -> SurfaceP
     of."""
     triangle, weights = faces.grid(parts)
     cells = body.skin_corners[faces.triangles[triangle]]  # (S, 3, 8)
-    low, high = body.rest[cells[..., 0]], body.rest[cells[..., 7]]
-    place = (np.einsum("sk,skd->sd", weights, faces.rest[faces.triangles[triangle]])[:, None] - low) / (high - low)
-    best = np.abs(place - np.clip(place, 0.0, 1.0)).sum(2).argmin(1), 
-    place = np.clip(np.take_along_axis(place, best[0][:, None, None], 1)[:, 0], 0.0, 1.0)
-    corners = np.take_along_axis(cells, best[0][:, None, None], 1)[:, 0]
-    sides = np.stack([1.0 - place, place])
-    weights = np.stack([sides[a, :, 0] * sides[b, :, 1] * sides[c, :, 2] for a, b, c in CORNERS], 1)
-    cell = np.prod(np.take_along_axis(high - low, best[0][:, None, None], 1)[:, 0], 1) ** (1.0 / 3.0)
+    low, size = body.rest[cells[..., 0]], body.rest[cells[..., 7]] - body.rest[cells[..., 0]]
+    place = (np.einsum("sk,skd->sd", weights, faces.rest[faces.triangles[triangle]])[:, None] - low) / size
+    inside = np.clip(place, 0.0, 1.0)
+    best = np.arange(len(cells)), np.abs(place - inside).sum(2).argmin(1)
     owner = faces.jello[triangle]
-    share = np.minimum(1.0, TOGETHER * (faces.side[owner] / (parts[owner] * cell)) ** 2)
-    return SurfacePoints(corners, weights, share, place)
+    apart = faces.side[owner] / parts[owner]
+    share = np.minimum(1.0, TOGETHER * apart**2 / np.prod(size[best], 1) ** (2.0 / 3.0))
+    return SurfacePoints(cells[best], trilinear(inside[best]), share, inside[best])
 
 
 def parts_wanted(scene: Scene, faces: Faces) -> tuple[np.ndarray, list[Any]]:
