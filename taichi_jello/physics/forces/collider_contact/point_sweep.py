@@ -27,12 +27,12 @@ class PointSweep(Sweep):
             for q in range(self.contact.start[cell], self.contact.start[cell + 1]):
                 after, u = self.contact.at_point(q, cell, x), self.contact.at_point(q, cell, v)
                 before = after - dt * u if ti.static(drifted) else self.contact.at_point(q, cell, x0)
-                hit = self.first_entry(0, before, after, t, dt)
+                hit, time = self.first_entry(0, before, after, t, dt), dt
                 if hit[3] > 1.0:
-                    before = self.way_in(after, t + dt)
+                    before, time = self.way_in(after, t + dt), 0.0
                     hit = self.first_entry(0, before, after, t + dt, 0.0)
                 if hit[3] <= 1.0:
-                    back, push = self.correction(hit, before, after, u, dt)
+                    back, push = self.correction(hit, before, after, u, time)
                     self.share_out(q, cell, back, push)
         system.wait_for_team()  # until all are tested
         met = self.met[0]

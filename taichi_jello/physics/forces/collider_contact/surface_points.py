@@ -18,7 +18,7 @@ from taichi_jello.shapes._skin import trilinear
 SMALL = 2.0  # sides of triangles: thinner colliders are small
 HOLE = 0.5**1.5  # of a collider's thickness: the core of a sphere of half its size does not fit between four such points
 MAX_PARTS = 5  # of a side
-TOGETHER = 4.0  # particles: how stiff all the points that a particle is in are together, at most
+TOGETHER = 9.0  # particles: how stiff all the points that a particle is in are together, at most
 
 
 @dataclass(frozen=True)
