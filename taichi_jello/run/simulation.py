@@ -66,6 +66,7 @@ class Simulation:
         self._at_start = True
         self._open_books()
         start_warnings.on_contact(scene, self.body)
+        start_warnings.on_thin_colliders(scene, self.body)
         self.watch = Watch(scene, self.body)
 
     def _choose_substeps(self) -> int:

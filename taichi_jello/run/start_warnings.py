@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 
+from taichi_jello.physics.forces.collider_contact.surface_points import Faces
 from taichi_jello.physics.forces.contact_law import (
     LARGEST_SAG,
     as_a_bar,
@@ -91,7 +92,9 @@ def too_hard_pressed(scene: Scene, body: Body) -> list[tuple[int, str]]:
         force = squashed / (1.0 + 2.0 * stiff[j] / (k * points[j]))
         if (depth := force / (k * points[j])) > MAX_SINK * least[j]:
             pair = " and ".join(f"collider.{c}" for c in press.colliders)
-            words = f"jello.{j}: {pair} close to {press.gap:.3g} m around its {press.size:.3g} m and go into it by about"
+            words = (
+                f"jello.{j}: {pair} close to {press.gap:.3g} m around its {press.size:.3g} m and go into it by about"
+            )
             words += f" {depth:.2g} m each, on contact springs of {k:g} N/m"
             found.append((j, f"{words}; {advice(squashed / (MAX_SINK * least[j] * points[j]))}"))
     return found
@@ -99,6 +102,19 @@ def too_hard_pressed(scene: Scene, body: Body) -> list[tuple[int, str]]:
 
 def advice(stiffness: float) -> str:
     return f"contact.stiffness = {stiffness:.1g} would carry it"
+
+
+def on_thin_colliders(scene: Scene, body: Body) -> None:
+    """Warn of jellos with a collider so small that it may pass between their points."""
+    if not scene.collider or scene.contact.stiffness == 0.0:
+        return
+    thickness = np.array([each.thickness for each in scene.collider])
+    thinnest = int(thickness.argmin())
+    least = np.maximum(Faces.bare(body).least_thickness(), Faces.skins(body).least_thickness())
+    for j in np.flatnonzero(least > thickness[thinnest] * MARGIN):
+        what = f"collider.{thinnest}, a {scene.collider[thinnest].type} {thickness[thinnest]:.3g} m thick"
+        words = f"{what}, may pass between the points of jello.{j}: make it {least[j]:.2g} m thick, or give more points"
+        warnings.warn(words, SceneWarning, stacklevel=3)
 
 
 def on_colliders(scene: Scene, body: Body) -> None:

@@ -31,9 +31,7 @@ class FaceContact(SkinContact):
 
     title = "edge contact"
 
-    def __init__(
-        self, title: str, scene: Scene, particles: Particles, colliders: Sequence[Any], points: SurfacePoints
-    ):
+    def __init__(self, title: str, scene: Scene, particles: Particles, colliders: Sequence[Any], points: SurfacePoints):
         self.title = title  # type: ignore[misc]
         super().__init__(scene, particles, colliders, points)
         self.whole = np.ones(len(self.cells), bool)

@@ -11,7 +11,6 @@ from taichi_jello.physics.forces.collider_contact.collider_penalty import Penalt
 from taichi_jello.physics.forces.collider_contact.continuous_collision import Sweep
 from taichi_jello.physics.forces.collider_contact.surface_points import SurfacePoints, of_skin
 from taichi_jello.physics.particles import Particles
-from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
 
 

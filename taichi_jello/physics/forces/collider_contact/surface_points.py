@@ -16,7 +16,9 @@ from taichi_jello.scene.description import Scene
 from taichi_jello.shapes._skin import trilinear
 
 SMALL = 2.0  # sides of triangles: thinner colliders are small
-HOLE = 0.5**1.5  # of a collider's thickness: the core of a sphere of half its size does not fit between four such points
+HOLE = (
+    0.5**1.5
+)  # of a collider's thickness: the core of a sphere of half its size does not fit between four such points
 MAX_PARTS = 5  # of a side
 TOGETHER = 9.0  # particles: how stiff all the points that a particle is in are together, at most
 
@@ -72,6 +74,10 @@ class Faces:
         thickness = np.array([each.thickness for each in collider])
         wanted = np.ceil(self.side[:, None] / (HOLE * thickness) - 1e-6)
         return np.where(thickness < SMALL * self.side[:, None], wanted, 1.0).astype(int)
+
+    def least_thickness(self) -> np.ndarray:
+        """(J,) [m] of a collider that does not fit between the points, however many there may be."""
+        return self.side / (HOLE * MAX_PARTS)
 
     def grid(self, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Triangles (S,) and weights (S, 3) in them of the points of a regular grid, once each and without the corners,
