@@ -65,9 +65,9 @@ def too_heavy(scene: Scene, body: Body) -> list[tuple[int, str]]:
         if body.pinned[own].any():
             continue
         pair = f" on jello.{below}" if below >= 0 else ""
-        more = f", {piles.carried[j]:.3g} kg of them on top of it" if piles.carried[j] > 0.0 else ""
+        more = f", {piles.carried[j]:.3g} kg of them on top of it," if piles.carried[j] > 0.0 else ""
         if depth > MAX_SINK * allowed:
-            told = f"{mass:.3g} kg{more}, on contact springs of {k:g} N/m{' of both' * bool(pair)} sinks in by about"
+            told = f"{mass:.3g} kg{more} on contact springs of {k:g} N/m{' of both' * bool(pair)} sinks in by about"
             found.append((j, f"jello.{j}{pair}: {told} {depth:.2g} m; {advice(k * depth / (ADVISED_SINK * allowed))}"))
         elif solid[both].all() and np.isfinite(piles.fall[j]):
             # The energy of the fall goes into the springs of contact and of the jellos, one after the other.

@@ -32,7 +32,7 @@ class Watch:
         self.solid = np.unique(self.owner)
         self.cells_of = {int(j): body.cells[self.owner == j] for j in self.solid}
         self.points_of = {j: np.flatnonzero((body.jello == j) & body.inside) for j in self.cells_of}
-        self.surface_of = {j: np.unique(body.surface[body.jello[body.surface[:, 0]] == j]) for j in self.cells_of}
+        self.surface_of = {j: body.surface[body.jello[body.surface[:, 0]] == j] for j in self.cells_of}
         self.touches = scene.contact.stiffness != 0.0
         self.turned = np.zeros(len(self.cells))  # s since each cell was last seen right side out
         self.last = 0.0
@@ -88,7 +88,9 @@ class Watch:
         points = some_of(collider) + collider.place(time)
         points = points[np.all((points > box[0]) & (points < box[1]), axis=1)]
         points = points[in_cells(points, x, self.cells_of[j])]
-        away = np.linalg.norm(points[:, None] - x[self.surface_of[j]], axis=2).min(1, initial=np.inf)
+        corners = x[self.surface_of[j]]
+        surface = np.concatenate([corners[:, 0], corners.mean(1)])
+        away = np.linalg.norm(points[:, None] - surface, axis=2).min(1, initial=np.inf)
         return bool(np.any(away > 0.5 * HALF * self.least[j]))
 
     def _holds_middle(self, j: int, k: int, x: np.ndarray, box: tuple[np.ndarray, np.ndarray]) -> bool:
