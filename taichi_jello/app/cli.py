@@ -75,10 +75,6 @@ def make_simulation(chosen: argparse.Namespace, scene: Scene) -> Simulation:
         if error.key in ("dt", "substeps"):  # options, not top-level keys of a scene
             raise Mistake(f"--{error}") from None
         raise Mistake(str(sceneio.located(chosen.scene, error))) from None
-    except Exception as error:
-        if problem := sceneio.failure(chosen.scene, error):
-            raise Mistake(str(problem)) from None
-        raise
     if chosen.from_state:
         with mistakes(f"--from {chosen.from_state}: ", OSError, ValueError, TypeError):
             simulation.restore(last_moment(Path(chosen.from_state), simulation.body))
@@ -318,8 +314,12 @@ def main(arguments: list[str] | None = None) -> int:
             if str(error):
                 print(f"jello: {printable(str(error))}", file=sys.stderr)
             return 130
-        except Exception:
+        except Exception as error:
             if interrupt.asked():  # Python turns it into RuntimeError inside a class
                 return 130
-            raise
+            problem = sceneio.failure(error)
+            if problem is None:
+                raise
+            print(printable(f"jello: {problem}"), file=sys.stderr)
+            return 2
         return 0

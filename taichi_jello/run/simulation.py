@@ -17,6 +17,7 @@ from taichi_jello.run.auto_method import AUTO, Choice
 from taichi_jello.run.clock import Clock, StepWarning, asked_step, asked_substeps, safe_substeps, steps_in
 from taichi_jello.run.diverged import diverged
 from taichi_jello.run.snapshot import Snapshot
+from taichi_jello.run.watch import Watch
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene, SceneError, vector
 from taichi_jello.support import interrupt, runtime
@@ -65,6 +66,8 @@ class Simulation:
         self._at_start = True
         self._open_books()
         start_warnings.on_contact(scene, self.body)
+        start_warnings.on_thin_colliders(scene, self.body)
+        self.watch = Watch(scene, self.body)
 
     def _choose_substeps(self) -> int:
         """Substeps of a frame: as requested, or the smallest safe number. Warns once of an unsafe step, not for every
@@ -201,6 +204,8 @@ class Simulation:
             if self._at_start and not self._frame_begun:
                 self._at_start = False
                 start_warnings.on_start(self.scene, self.body, self.system.read()[1])
+            if not self._frame_begun and self.watch.due(self.time):
+                self.watch.look(self.time, self.system.read()[0], self.system.changes.memory().get("whole"))
             count -= part
 
     def _begin_frame(self) -> None:

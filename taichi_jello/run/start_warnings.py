@@ -4,9 +4,17 @@ import warnings
 
 import numpy as np
 
-from taichi_jello.physics.forces.contact_law import LARGEST_SAG, contact_numbers, least_extents, standing_points
+from taichi_jello.physics.forces.collider_contact.surface_points import Faces
+from taichi_jello.physics.forces.contact_law import (
+    LARGEST_SAG,
+    as_a_bar,
+    contact_numbers,
+    least_extents,
+    standing_points,
+)
 from taichi_jello.physics.forces.grab import Grab
 from taichi_jello.physics.forces.soft_contact.surface.crossings import Surfaces, crossings
+from taichi_jello.run.loads import Piles, presses
 from taichi_jello.run.placing import lift_out, outline
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
@@ -15,6 +23,7 @@ from taichi_jello.support.wording import counted
 
 MAX_SINK = 0.1  # of its least extent, by which a jello may sink into its support
 ADVISED_SINK = 0.01  # the same, with the advised stiffness
+HALF = 0.5  # of its least extent: what passes farther into a jello may come out at its other side
 MAX_LIFT = 3.0  # of the depth in a collider, up to which raising is the way out of it
 MARGIN = 1.01  # of an advised distance
 MAX_STRAIN = 1e-3  # of a spring at rest
@@ -31,21 +40,81 @@ def has_support(scene: Scene) -> bool:
 
 
 def on_contact(scene: Scene, body: Body) -> None:
-    """Warn of jellos too heavy for their contact springs."""
-    if not has_support(scene):
-        return
-    weight, touching, least = float(np.linalg.norm(scene.gravity)), standing_points(body), least_extents(body)
-    for j, (stiffness, _) in enumerate(contact_numbers(scene, body)):
-        own = body.jello == j
-        mass = float(body.mass[own].sum())
-        depth = mass * weight / (stiffness * float(touching[j]))
-        if depth > MAX_SINK * least[j] and not body.pinned[own].any():
-            warnings.warn(
-                f"jello.{j}: {mass:.3g} kg on contact springs of {stiffness:g} N/m sinks in by about {depth:.2g} m; "
-                f"contact.stiffness = {stiffness * depth / (ADVISED_SINK * least[j]):.1g} would carry it",
-                SceneWarning,
-                stacklevel=3,
+    """Warn of jellos too heavy for contact springs, or that fall too far on them or are pressed too hard."""
+    if has_support(scene):
+        for _, words in sorted(too_heavy(scene, body) + too_hard_pressed(scene, body)):
+            warnings.warn(words, SceneWarning, stacklevel=3)
+
+
+def too_heavy(scene: Scene, body: Body) -> list[tuple[int, str]]:
+    """(jello, what is told) of the free jellos whose weight, and that of what lies on them, contact springs carry too
+    low, or into whose springs they fall too far."""
+    weight = float(np.linalg.norm(scene.gravity))
+    if weight == 0.0:
+        return []
+    piles, points, least = Piles.of(scene, body), standing_points(body), least_extents(body)
+    numbers, stiff = contact_numbers(scene, body)[:, 0], as_a_bar(body, body.stiffness)
+    solid = np.isin(np.arange(len(least)), body.jello[body.cells[:, 0]])
+    found = []
+    for j, below in enumerate(piles.lies_on):
+        both = [j, int(below)] if below >= 0 else [j]
+        own, allowed = body.jello == j, least[both].min()
+        mass = float(body.mass[own].sum() + piles.carried[j])
+        k, carrying = float(numbers[both].min()), float(points[both].min())
+        depth = mass * weight / (k * carrying)
+        if body.pinned[own].any():
+            continue
+        pair = f" on jello.{below}" if below >= 0 else ""
+        more = f", {piles.carried[j]:.3g} kg of them on top of it," if piles.carried[j] > 0.0 else ""
+        if depth > MAX_SINK * allowed:
+            told = f"{mass:.3g} kg{more} on contact springs of {k:g} N/m{' of both' * bool(pair)} sinks in by about"
+            found.append((j, f"jello.{j}{pair}: {told} {depth:.2g} m; {advice(k * depth / (ADVISED_SINK * allowed))}"))
+        elif solid[both].all() and np.isfinite(piles.fall[j]):
+            # The energy of the fall goes into the springs of contact and of the jellos, one after the other.
+            speed = -float(body.v[own].mean(0) @ np.array(scene.gravity)) / -weight
+            energy = mass * (weight * piles.fall[j] + 0.5 * max(speed, 0.0) ** 2)
+            together = 1.0 / (1.0 / (k * carrying) + (1.0 / stiff[both]).sum())
+            deep = float(np.sqrt(2.0 * energy * together)) / (k * carrying)
+            if deep > HALF * allowed:
+                told = f"falls {piles.fall[j]:.3g} m and sinks by about {deep:.2g} m into contact springs of {k:g} N/m"
+                found.append((j, f"jello.{j}{pair} {told}; {advice(k * (2.0 * deep / (HALF * allowed)) ** 2)}"))
+    return found
+
+
+def too_hard_pressed(scene: Scene, body: Body) -> list[tuple[int, str]]:
+    """(jello, what is told) of the jellos that colliders close on and go into, since what is pressed flat is harder
+    than its contact springs."""
+    least, points, stiff = least_extents(body), standing_points(body), as_a_bar(body, body.stiffness)
+    found = []
+    for press in presses(scene, body):
+        j, k = press.jello, float(contact_numbers(scene, body)[press.jello, 0])
+        squashed = stiff[j] * (least[j] / press.size) ** 2 * (press.size - press.gap)  # E A/H [N] along another side
+        force = squashed / (1.0 + 2.0 * stiff[j] / (k * points[j]))
+        if (depth := force / (k * points[j])) > MAX_SINK * least[j]:
+            pair = " and ".join(f"collider.{c}" for c in press.colliders)
+            words = (
+                f"jello.{j}: {pair} close to {press.gap:.3g} m around its {press.size:.3g} m and go into it by about"
             )
+            words += f" {depth:.2g} m each, on contact springs of {k:g} N/m"
+            found.append((j, f"{words}; {advice(squashed / (MAX_SINK * least[j] * points[j]))}"))
+    return found
+
+
+def advice(stiffness: float) -> str:
+    return f"contact.stiffness = {stiffness:.1g} would carry it"
+
+
+def on_thin_colliders(scene: Scene, body: Body) -> None:
+    """Warn of jellos with a collider so small that it may pass between their points."""
+    if not scene.collider or scene.contact.stiffness == 0.0:
+        return
+    thickness = np.array([each.thickness for each in scene.collider])
+    thinnest = int(thickness.argmin())
+    least = np.maximum(Faces.bare(body).least_thickness(), Faces.skins(body).least_thickness())
+    for j in np.flatnonzero(least > thickness[thinnest] * MARGIN):
+        what = f"collider.{thinnest}, a {scene.collider[thinnest].type} {thickness[thinnest]:.3g} m thick"
+        words = f"{what}, may pass between the points of jello.{j}: make it {least[j]:.2g} m thick, or give more points"
+        warnings.warn(words, SceneWarning, stacklevel=3)
 
 
 def on_colliders(scene: Scene, body: Body) -> None:

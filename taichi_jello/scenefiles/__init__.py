@@ -2,13 +2,13 @@
 
 import ast
 import sys
-import traceback
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 from taichi_jello.scene.description import Scene, SceneError
 from taichi_jello.scenefiles import python
+from taichi_jello.scenefiles._own_code import own_place
 from taichi_jello.support.plugins import modules
 
 
@@ -79,13 +79,10 @@ def located(name: str, error: SceneError) -> SceneError:
     return SceneError(name, str(error) if line is None else f"line {line}: {error}")
 
 
-def failure(name: str, error: Exception) -> SceneError | None:
-    """The error in one line, if code of a Python scene raised it after it was loaded."""
-    path = _path(name)
-    frames = traceback.walk_tb(error.__traceback__)
-    if path.suffix.lower() != python.SUFFIX or all(frame.f_code.co_filename != str(path) for frame, _ in frames):
-        return None
-    return SceneError(name, str(python.failure(path, error)))
+def failure(error: Exception) -> SceneError | None:
+    """The error in one line, if a user's own code raised it after the scene was loaded."""
+    place = own_place(error)
+    return SceneError(str(place[0]), str(python.failure(error, f"line {place[1]}: "))) if place else None
 
 
 def _path(name: str) -> Path:

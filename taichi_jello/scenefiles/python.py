@@ -6,6 +6,7 @@ from pathlib import Path
 
 from taichi_jello.scene.description import Scene
 from taichi_jello.scene.validation import SceneError, cut, shown
+from taichi_jello.scenefiles._own_code import COMPILED
 
 SUFFIX = ".py"
 
@@ -18,13 +19,16 @@ def _place(path: Path, error: BaseException) -> str:
     return f"line {lines[-1]}: " if lines else ""
 
 
-def failure(path: Path, error: BaseException) -> SceneError:
-    """An error that the file's code raised, with its line."""
+def failure(error: BaseException, place: str) -> SceneError:
+    """An error that a file's code raised at `place`, in one line. Of what Taichi could not compile the last line of its
+    report says why."""
     try:
-        text = cut(f": {error}".partition("\n")[0], 200).removesuffix(": ")
+        text = str(error).strip()
+        told = text.splitlines()[-1] if COMPILED.search(text) else text.partition("\n")[0]
+        text = cut(f": {told}", 200).removesuffix(": ")
     except Exception:
         text = ", whose message cannot be shown"
-    return SceneError("", f"{_place(path, error)}it fails with {type(error).__name__}{text}")
+    return SceneError("", f"{place}it fails with {type(error).__name__}{text}")
 
 
 def load(path: Path) -> Scene:
@@ -38,7 +42,7 @@ def load(path: Path) -> Scene:
     except KeyboardInterrupt as error:
         raise KeyboardInterrupt(f"{path}: {_place(path, error)}stopped while it was loaded") from None
     except BaseException as error:  # a file may raise anything
-        raise failure(path, error) from error
+        raise failure(error, _place(path, error)) from error
     if not isinstance(made, Scene):
         line = names["scene"].__code__.co_firstlineno if hasattr(names["scene"], "__code__") else 1
         raise SceneError("", f"line {line}: scene: expected scene() to return a Scene, got {shown(made)}")

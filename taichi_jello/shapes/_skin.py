@@ -60,10 +60,13 @@ def embed(places: np.ndarray, filled: np.ndarray) -> tuple[np.ndarray, np.ndarra
         for some in np.array_split(astray, -(-len(astray) * len(full) // 10_000_000)):
             away = np.maximum(np.abs(places[some, None] - (full + 0.5)) - 0.5, 0.0)
             cell[some] = full[np.argmin((away**2).sum(2), 1)]
-    at = np.clip(places - cell, 0.0, 1.0)
-    sides = np.stack([1.0 - at, at])  # (2, V, 3)
-    weights = np.stack([sides[a, :, 0] * sides[b, :, 1] * sides[c, :, 2] for a, b, c in CORNERS], 1)
-    return cell, weights
+    return cell, trilinear(np.clip(places - cell, 0.0, 1.0))
+
+
+def trilinear(place: np.ndarray) -> np.ndarray:
+    """(V, 8) the weights of a cell's corners at places (V, 3) in it, 0 to 1 along each side."""
+    sides = np.stack([1.0 - place, place])
+    return np.stack([sides[a, :, 0] * sides[b, :, 1] * sides[c, :, 2] for a, b, c in CORNERS], 1)
 
 
 def parts(filled: np.ndarray) -> list[int]:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from taichi_jello import Ball, Box, Contact, Plane, Room, Scene, Simulation, Snapshot, Sphere
-from taichi_jello.physics.forces.collider_contact.skin_penalty import SkinContact, shares
+from taichi_jello.physics.forces.collider_contact.skin_penalty import SkinContact
+from taichi_jello.physics.forces.contact_law import shares
 from taichi_jello.run.explain import facts
 
 

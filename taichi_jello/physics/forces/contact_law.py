@@ -67,14 +67,14 @@ def contact_numbers(scene: Scene, body: Body) -> np.ndarray:
     stiffness = np.full(jellos, contact.stiffness) if contact.stiffness != AUTO else _auto_stiffness(scene, body)
     if contact.damping != AUTO:
         return np.stack([stiffness, np.full(jellos, contact.damping)], 1)
-    k, c = (_as_a_bar(body, weight) for weight in (body.stiffness, body.damping))
+    k, c = (as_a_bar(body, weight) for weight in (body.stiffness, body.damping))
     time = np.divide(c, k, out=np.zeros(jellos), where=k > 0.0)
     lightest = np.array([body.mass[body.jello == j].min() for j in range(jellos)])
     damping = np.where(k > 0.0, time * stiffness, DAMPING_RATIO * 2.0 * np.sqrt(stiffness * lightest))
     return np.stack([stiffness, damping], 1)
 
 
-def _as_a_bar(body: Body, weight: np.ndarray) -> np.ndarray:
+def as_a_bar(body: Body, weight: np.ndarray) -> np.ndarray:
     """(J,) E A/H of each jello, loaded along its least extent H, from the stiffness or damping (S,) of its springs.
     A lattice has E V = Σ k L²/6 (see material.py), and E A/H = E V/H²."""
     sums = np.bincount(body.jello[body.springs[:, 0]], weight * body.rest_length**2, int(body.jello.max()) + 1)
@@ -86,7 +86,7 @@ def _auto_stiffness(scene: Scene, body: Body) -> np.ndarray:
     mass, points = np.bincount(body.jello, body.mass), standing_points(body)
     weight = mass * max(np.linalg.norm(g) for g in (scene.gravity, *(row.gravity for row in scene.keyframe)))
     around = np.bincount(body.jello[body.springs[:, 0]], body.stiffness, len(mass)) / np.bincount(body.jello)
-    own = np.minimum(STIFFER * _as_a_bar(body, body.stiffness) / points, LARGEST_PART * around)
+    own = np.minimum(STIFFER * as_a_bar(body, body.stiffness) / points, LARGEST_PART * around)
     found = np.maximum(own, weight / (LARGEST_SAG * least_extents(body) * points))
     return np.where(found > 0.0, found, WITHOUT_SPRINGS * mass / points)
 

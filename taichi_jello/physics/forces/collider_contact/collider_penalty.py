@@ -14,7 +14,6 @@ from taichi_jello.physics.forces.collider_contact.friction import Anchors, frict
 from taichi_jello.physics.forces.contact_law import ContactLaw
 from taichi_jello.physics.forces.springs.spring_state import loose
 from taichi_jello.physics.particles import Particles
-from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
 
 BROAD_PHASE_ABOVE = 3  # surfaces; with fewer, testing each in full is as quick as a broad phase
@@ -53,8 +52,9 @@ class PenaltyContact(ParticleForce):
     works = ("contact dashpots", "friction", "moving colliders")
     bare: Any  # whether each particle touches, where `masked`
 
-    def __init__(self, scene: Scene, particles: Particles):
-        self.particles, self.colliders = particles, self._sorted(scene.collider)
+    def __init__(self, scene: Scene, particles: Particles, colliders: Sequence[Any], touching: int):
+        """touching: how many points touch the colliders."""
+        self.particles, self.colliders = particles, self._sorted(colliders)
         self.lanes, self.Lanes = particles.memory.lanes, particles.memory.lane_vector
         groups: list[Group] = []
         end = 0
@@ -68,7 +68,7 @@ class PenaltyContact(ParticleForce):
         self.law = ContactLaw(scene, particles.body, particles.memory, self.title)
         self.rubs = self.ends_steps = self.law.rubs
         if self.rubs:
-            self.anchors = Anchors(self.title, particles.memory, self._touching_points(particles))
+            self.anchors = Anchors(self.title, particles.memory, touching)
             blocks = np.zeros(particles.memory.padded // self.lanes, np.int32)
             self.touched = particles.memory.table(self.title, "passes that touch", blocks)
         self.rows = particles.memory.table(self.title, "surfaces", self._rows(0.0, scene.solver.frame_dt))
@@ -79,16 +79,10 @@ class PenaltyContact(ParticleForce):
         self.surface_speed = 0.0
         if any(group.solid for group in groups):
             self.deep = particles.memory.table(self.title, "deep", np.zeros(1, np.int32))
-            self.sweep = Sweep(self, particles, self._swept(particles.body))
+            self.sweep = self._make_sweep(particles)
 
-    @staticmethod
-    def _swept(body: Body) -> np.ndarray:
-        """(N,) bool: the particles that continuous collision detection is for."""
-        return ~body.embedded
-
-    @staticmethod
-    def _touching_points(particles: Particles) -> int:
-        return len(particles.body)
+    def _make_sweep(self, particles: Particles) -> Sweep:
+        return Sweep(self, particles, ~particles.body.embedded)
 
     @classmethod
     def made_for(cls, scene: Scene, particles: Particles) -> list["PenaltyContact"]:
@@ -98,7 +92,7 @@ class PenaltyContact(ParticleForce):
         embedded = body.embedded & ~(body.inside & loose(scene)[body.jello])
         if not scene.collider or scene.contact.stiffness == 0.0 or embedded.all():
             return []
-        made = cls(scene, particles)
+        made = cls(scene, particles, scene.collider, len(body))
         if embedded.any():
             bare = np.pad(1 - embedded.astype(np.int32), (0, particles.memory.padded - len(embedded)))
             made.masked, made.bare = True, particles.memory.table(cls.title, "bare", bare)

@@ -19,6 +19,14 @@ GAP = 0.01  # of a core's depth: how near to it a particle may stop, so that rou
 SAFE_WAY = 0.125  # of a core's depth: if no particle moves farther in one step, none can pass before the next frame
 
 
+@ti.func
+def widen(ranges: ti.template(), row, value):
+    """Let rows `row`, the largest along each axis, and `row` + 1, the least, cover a vector."""
+    for axis in ti.static(range(3)):
+        ti.atomic_max(ranges[row][axis], value[axis])
+        ti.atomic_min(ranges[row + 1][axis], value[axis])
+
+
 @ti.data_oriented
 class Sweep:
     """The cores of the surfaces of one contact force, for the particles `guarded` (N,) bool.
@@ -80,6 +88,15 @@ class Sweep:
         return ti.Vector([found[0], found[1], found[2], found[3], u[0], u[1], u[2]])
 
     @ti.func
+    def correction(self, hit, before, after, v, dt):
+        """By which vector a point goes back to the core it has hit on its way, and how its velocity v changes."""
+        n, u = ti.Vector([hit[0], hit[1], hit[2]]), ti.Vector([hit[4], hit[5], hit[6]])
+        depth = -(after - before - dt * u).dot(n)
+        back = ((1.0 - hit[3]) * depth + ti.max((1.0 - WAY_LEFT) * hit[3] * depth, GAP * self.depth)) * n
+        push = -ti.min(0.0, (v - u).dot(n)) * n
+        return back, push
+
+    @ti.func
     def stop(self, system, first, last, x0, x, v, t, dt, drifted: ti.template()):
         """Correct the step that took the particles first … last - 1 from x0 to x and v, or, drifted, to x by dt v.
         Returns whether any met a core."""
@@ -88,27 +105,31 @@ class Sweep:
             before = x[i] - dt * v[i] if ti.static(drifted) else x0[i]
             hit = self.first_entry(i, before, x[i], t, dt)
             if hit[3] <= 1.0:
-                n, u = ti.Vector([hit[0], hit[1], hit[2]]), ti.Vector([hit[4], hit[5], hit[6]])
-                depth = -(x[i] - before - dt * u).dot(n)
-                back = ((1.0 - hit[3]) * depth + ti.max((1.0 - WAY_LEFT) * hit[3] * depth, GAP * self.depth)) * n
-                push = -ti.min(0.0, (v[i] - u).dot(n)) * n
+                back, push = self.correction(hit, before, x[i], v[i], dt)
                 if ti.static(system.books):
                     system.ledger.book_impact(i, self.particles.mass(i), v[i], push)
                 v[i] = v[i] + push
                 self.met[0] = 1
                 if ti.static(self.whole):
-                    for axis in ti.static(range(3)):
-                        ti.atomic_max(self.back[2 * self.jello(i)][axis], back[axis])
-                        ti.atomic_min(self.back[2 * self.jello(i) + 1][axis], back[axis])
+                    widen(self.back, 2 * self.jello(i), back)
                 else:
                     x[i] = x[i] + back
         system.wait_for_team()  # until all are tested
         met = self.met[0]
         if ti.static(self.whole):
-            until = ti.select(met > 0, last, first)
-            for i in range(first, until):
-                if self.particles.inverse_mass(i) > 0.0:
-                    x[i] = x[i] + self.back[2 * self.jello(i)] + self.back[2 * self.jello(i) + 1]
+            self.move_wholes(first, ti.select(met > 0, last, first), x)
+        self.forget(system, first, last)
+        return met
+
+    @ti.func
+    def move_wholes(self, first, last, x):
+        """Move the particles first … last - 1 as their jellos are corrected."""
+        for i in range(first, last):
+            if self.particles.inverse_mass(i) > 0.0:
+                x[i] = x[i] + self.back[2 * self.jello(i)] + self.back[2 * self.jello(i) + 1]
+
+    @ti.func
+    def forget(self, system, first, last):
         system.wait_for_team()  # until nobody needs the flags any more
         for _ in range(1):
             if first == 0 and last > 0:
@@ -116,4 +137,3 @@ class Sweep:
                 if ti.static(self.whole):
                     for j in range(2 * self.jellos):
                         self.back[j] = ti.Vector([0.0, 0.0, 0.0])
-        return met

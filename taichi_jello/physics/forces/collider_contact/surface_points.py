@@ -1,0 +1,133 @@
+"""The points of a surface that touch colliders, each between particles (NumPy only).
+
+A collider that is small against the spacing of particles, or has a thin rim, fits between them. Where there is one,
+the triangles of a surface and the segments of a rope have a grid of points of their own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from taichi_jello.physics.forces.contact_law import shares
+from taichi_jello.scene.body import CORNERS, Body
+from taichi_jello.scene.description import Scene
+from taichi_jello.shapes._skin import trilinear
+
+SMALL = 2.0  # sides of triangles: thinner colliders are small
+HOLE = (
+    0.5**1.5
+)  # of a collider's thickness: the core of a sphere of half its size does not fit between four such points
+MAX_PARTS = 5  # of a side
+TOGETHER = 9.0  # particles: how stiff all the points that a particle is in are together, at most
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Each point is Σ weights · x[corners] (S, K), and stands for `share` (S,) of a particle. place (S, 3): what its
+    weights follow from: where it is along the sides of its cell, K = 8, or its weights in a triangle, K = 3."""
+
+    corners: np.ndarray
+    weights: np.ndarray
+    share: np.ndarray
+    place: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.corners)
+
+
+@dataclass(frozen=True)
+class Faces:
+    """Triangles (T, 3) over points with rest positions (P, 3) [m]; a segment has its second point twice. jello (T,);
+    side (J,) [m] of the triangles of each jello: of a lattice the longest that is no diagonal; zero without any."""
+
+    rest: np.ndarray
+    triangles: np.ndarray
+    jello: np.ndarray
+    side: np.ndarray
+
+    @classmethod
+    def of(cls, body: Body, rest: np.ndarray, triangles: np.ndarray, jello: np.ndarray) -> "Faces":
+        corner = rest[triangles]
+        length = np.sort(np.linalg.norm(corner - np.roll(corner, 1, 1), axis=2), 1)[:, 1]
+        side = np.zeros(int(body.jello.max()) + 1)
+        np.maximum.at(side, jello, length)
+        return cls(rest, triangles, jello, side)
+
+    @classmethod
+    def bare(cls, body: Body) -> "Faces":
+        """Between particles: surfaces without an embedded skin, and ropes."""
+        faces = body.bare_surface
+        faces = faces[np.unique(np.sort(faces, 1), axis=0, return_index=True)[1]]  # one of a sheet's two sides
+        threads = body.springs[(body.family == 0) & ~np.isin(body.jello, body.jello[body.surface])[body.springs[:, 0]]]
+        triangles = np.concatenate([faces, np.repeat(threads, [1, 2], axis=1)])
+        return cls.of(body, body.rest, triangles, body.jello[triangles[:, 0]])
+
+    @classmethod
+    def skins(cls, body: Body) -> "Faces":
+        """Between the points of embedded skins."""
+        return cls.of(body, body.skin_points(body.rest), body.skin, body.jello[body.skin_corners[body.skin[:, 0], 0]])
+
+    def parts(self, collider: Sequence[Any]) -> np.ndarray:
+        """(J, C) into how many parts the sides of each jello need to be cut for each collider; 1 if it is not small."""
+        thickness = np.array([each.thickness for each in collider])
+        wanted = np.ceil(self.side[:, None] / (HOLE * thickness) - 1e-6)
+        return np.where(thickness < SMALL * self.side[:, None], wanted, 1.0).astype(int)
+
+    def least_thickness(self) -> np.ndarray:
+        """(J,) [m] of a collider that does not fit between the points, however many there may be."""
+        return self.side / (HOLE * MAX_PARTS)
+
+    def grid(self, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Triangles (S,) and weights (S, 3) in them of the points of a regular grid, once each and without the corners,
+        the sides cut into parts (J,)."""
+        of, weights, keys = [np.zeros(0, int)], [np.zeros((0, 3))], [np.zeros((0, 6), int)]
+        own, thread = parts[self.jello], self.triangles[:, 1] == self.triangles[:, 2]
+        for m in np.unique(own[own > 1]):
+            steps = np.array([(m - j - k, j, k) for j in range(m + 1) for k in range(m + 1 - j)])
+            steps = steps[steps.max(1) < m]
+            for which, some in ((~thread, steps), (thread, steps[steps[:, 2] == 0])):
+                triangles = np.flatnonzero(which & (own == m))
+                of.append(np.repeat(triangles, len(some)))
+                step = np.tile(some, (len(triangles), 1))
+                weights.append(step / m)
+                who = np.where(step > 0, self.triangles[of[-1]], -1)
+                order = np.argsort(who, axis=1)  # neighbours share the points on their sides
+                keys.append(np.hstack([np.take_along_axis(a, order, 1) for a in (who, step)]))
+        first = np.sort(np.unique(np.concatenate(keys), axis=0, return_index=True)[1])
+        return np.concatenate(of)[first], np.concatenate(weights)[first]
+
+
+def of_skin(body: Body) -> SurfacePoints:
+    """The points of embedded skins, in cells."""
+    return SurfacePoints(body.skin_corners, body.skin_weights, shares(body), body.skin_weights @ CORNERS)
+
+
+def between_particles(body: Body, faces: Faces, parts: np.ndarray) -> SurfacePoints:
+    """The grid on bare faces."""
+    triangle, weights = faces.grid(parts)
+    share = np.minimum(1.0, TOGETHER / parts[faces.jello[triangle]] ** 2.0)
+    return SurfacePoints(faces.triangles[triangle].astype(np.int32), weights, share, weights)
+
+
+def between_skin_points(body: Body, faces: Faces, parts: np.ndarray) -> SurfacePoints:
+    """The grid on skins, each point embedded in the cell of one corner of its triangle, whichever it is least outside
+    of."""
+    triangle, weights = faces.grid(parts)
+    cells = body.skin_corners[faces.triangles[triangle]]  # (S, 3, 8)
+    low, size = body.rest[cells[..., 0]], body.rest[cells[..., 7]] - body.rest[cells[..., 0]]
+    place = (np.einsum("sk,skd->sd", weights, faces.rest[faces.triangles[triangle]])[:, None] - low) / size
+    inside = np.clip(place, 0.0, 1.0)
+    best = np.arange(len(cells)), np.abs(place - inside).sum(2).argmin(1)
+    owner = faces.jello[triangle]
+    apart = faces.side[owner] / parts[owner]
+    share = np.minimum(1.0, TOGETHER * apart**2 / np.prod(size[best], 1) ** (2.0 / 3.0))
+    return SurfacePoints(cells[best], trilinear(inside[best]), share, inside[best])
+
+
+def parts_wanted(scene: Scene, faces: Faces) -> tuple[np.ndarray, list[Any]]:
+    """(J,) into how many parts the sides of each jello are cut, and the colliders that are small for some jello."""
+    parts = faces.parts(scene.collider)
+    small = [each for each, most in zip(scene.collider, parts.max(0), strict=True) if most > 1]
+    return np.minimum(parts.max(1), MAX_PARTS), small
