@@ -108,7 +108,7 @@ class Watched:
     def __init__(self, path):
         self.path, self.seen = path, []
 
-    def __call__(self, size, title, keep):
+    def __call__(self, size, title, keep, renderer):
         self.size = size
         return self
 
@@ -124,9 +124,14 @@ class Watched:
         viewer.move(at)
 
     def show(self, viewer):
+        if viewer.simulation.held is None:  # the first picture, before anything is pressed
+            return
         self.seen.append(viewer.viewpoint.project(viewer.simulation.held.point[None], viewer.size)[0])
 
     def write_alone(self, viewer, words):
+        pass
+
+    def forget_keys(self):
         pass
 
     def close(self):

@@ -27,9 +27,9 @@ BLACK = np.full((1, 3), 1e3, np.float32)  # what opaque bodies absorb [1/m]
 
 @dataclass
 class Stage:
-    """The picture without jellos, as seen by `view`: linear colours and depths [m]. `scene` is the same with jellos,
-    Each sample has its own: bodies refract what lies outside the part of
-    the picture that is drawn anew."""
+    """The picture without jellos, as seen by `view`: linear colours and depths [m]; `scene` and `scene_depths` are the
+    same with jellos. Each sample has its own: bodies refract what lies outside the part of the picture that is drawn
+    anew."""
 
     view: np.ndarray
     colors: np.ndarray

@@ -1,6 +1,6 @@
 """How finely the window's pictures are drawn: as finely as the time that the last ones took allows."""
 
-# (a side of the window over that of the drawn picture, samples): each level has four times the samples of the one before.
+# (a side of the window over that of the drawn picture, samples): each has four times the samples of the one before.
 LEVELS = ((2, 1), (1, 1), (1, 2))
 GROWTH = 4.0
 SLOWEST = 1.0 / 24.0  # s that a picture may take
