@@ -107,7 +107,7 @@ class SolidContacts:
                 out = (b - a).cross(c - a)
             n, contact = out / ti.max(out.norm(), 1e-30), q * self.contacts.per_point + self.contacts.count[q]
             self.contacts.write(contact, corners, weights, n)
-            self.contacts.share[contact], self.contacts.core[contact] = share, core
+            self.contacts.share[contact] = share
             if ti.static(self.surface.has_thin):
                 self.contacts.separation[contact] = 0.0
             self.contacts.count[q] = self.contacts.count[q] + 1
