@@ -210,8 +210,6 @@ class System(Team):
 
     def get_ready(self, integrator: Integrator, dt: float) -> None:
         """Prepare for steps of dt [s] by `integrator`."""
-        for force in self.mutual:
-            force.stride(dt, integrator.solves, self.bound.damping)
         if integrator.solves:
             integrator.prepare(self, dt)
         for sweep in self.sweeps:

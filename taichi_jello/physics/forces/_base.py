@@ -158,10 +158,8 @@ class MutualForce(ParticleForce):
     says that it is valid as far as known, `forget()` invalidates it, `refresh(system, t, dt)` rebuilds it; the ti.func
     `watch(first, last, x, v, t, dt)` runs before each step and `stale()` then says whether the step must wait.
 
-    Step size: `stride(dt, solves, damping)` gives the length of the next steps, whether they are implicit, and a bound
-    on the damping rate [1/s]; `parts` is more than one only where
-    something moves farther than `nearest` [m] in a step. With a `brake` (see
-    inelastic_brake.py) deep contacts lose speed at the end of a step.
+    Step size: `parts` is more than one only where something moves farther than `nearest` [m] in a step. With a `brake`
+    (see inelastic_brake.py) deep contacts lose speed at the end of a step.
     """
 
     near: Any
@@ -175,4 +173,3 @@ class MutualForce(ParticleForce):
     forget: Any
     watch: Any
     stale: Any
-    stride: Any

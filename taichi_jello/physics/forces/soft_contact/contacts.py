@@ -17,7 +17,7 @@ class Contacts:
     surface of another jello: along `normal` the two are to be `separation` [m] apart. Of two ropes it may be a place
     between the point and the next one on its rope that touches: the third corner is that next one, with a weight less
     than 0, and the point's own weight is the sum of all three. share: the part of the full stiffness that a contact
-    has; core [m]: the depth at which the core of the other jello begins.
+    has.
 
     Point q has the weight weight_in[k] in the contact pressing[k], for the pressing_count[q] numbers k from
     pressing_start[q] on, in ascending order of contacts. It is that in its own contacts, less that of a corner.
@@ -33,7 +33,7 @@ class Contacts:
         self.place = memory.zeros(title, "places", (points, 3))
         self.corners = memory.zeros(title, "touched corners", (count, 3), whole=True)
         self.weights, self.normal = (memory.zeros(title, name, (count, 3)) for name in ("their weights", "normals"))
-        self.share, self.core = (memory.zeros(title, f"{name} of contacts", (count,)) for name in ("shares", "cores"))
+        self.share = memory.zeros(title, "shares of contacts", (count,))
         if surface.has_thin:
             self.separation = memory.zeros(title, "apart", (count,))
         self.count = memory.zeros(title, "contacts of each point", (points,), whole=True)

@@ -3,9 +3,6 @@
 The force on a point that touches acts the other way on the corners of the touched triangle, shared out by the weights
 of the touched place. Friction at a point that is deep below that place would be a couple and make angular momentum: the
 corners also feel forces along the normal, of sum zero, that balance its torque.
-
-Contact springs can be too soft to stop a fast and heavy jello before it is out on the other side. In the core of what
-it touches a point also meets a dashpot, as hard as the step allows.
 """
 
 from math import hypot
@@ -28,12 +25,9 @@ from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import
 from taichi_jello.physics.forces.soft_contact.surface.surface_fields import SurfaceFields
 from taichi_jello.physics.forces.springs.spring_state import SpringState, loose
 from taichi_jello.physics.particles import Particles
-from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
 from taichi_jello.support.runtime import RuntimeProblem
 
-EXPLICIT_DASHPOT = 0.25  # of the mass over the step: a core's dashpot that explicit steps stay stable with
-CORE_RAMP = 0.5  # of the depth of a core, over which its dashpot grows to that
 UNSUPPORTED = ("vulkan", "metal")  # compiled for them, the search makes lists that stay empty
 
 
@@ -71,10 +65,6 @@ class Touch(MutualForce):
             self.tilt = memory.zeros(self.title, "normal forces of corners", (count, 3))
             self.sticking = memory.zeros(self.title, "parts of friction that hold", (count,))
             self.bristles = Bristles(self.title, memory, count, self.contacts.per_point)
-        self.damping = memory.zeros(self.title, "dashpots", (count,))
-        self.masses = memory.table(self.title, "lightest particle and mass", self._masses(body))
-        self.rate = memory.table(self.title, "rates of dashpots in cores", np.zeros(2))
-        self._rate = (0.0, 0.0)
         self.approach = Approach(body, touching.shapes.thickness)
         self.nearest = self.approach.least
 
@@ -89,12 +79,6 @@ class Touch(MutualForce):
                 f"--arch {arch}: jellos do not feel each other there; use cpu, or contact.touch = false"
             )
         return [cls(scene, particles, itself)]
-
-    @staticmethod
-    def _masses(body: Body) -> np.ndarray:
-        """(J, 2) [kg] of each jello: its lightest particle, and all of it."""
-        jellos = range(int(body.jello.max()) + 1)
-        return np.array([[f(body.mass[body.jello == j]) for f in (np.min, np.sum)] for j in jellos])
 
     def tuning(self) -> dict[str, float]:
         return self.law.tuning()
@@ -121,15 +105,6 @@ class Touch(MutualForce):
             damping=most * self.steepest(np.maximum(law.damping, sideways)),
             damping_time=law.damping_time,
         )
-
-    def stride(self, dt: float, solves: bool, damping: float) -> None:
-        """Set the rates [1/s] of dashpots in cores, for the lightest particle and for a whole jello. Where a step is
-        solved for, they stop all of it within the step; else they take what the other dashpots, of rate `damping`,
-        leave of the step's limit, which is at least 2/dt for every scheme."""
-        rate = (0.0, 1.0 / dt) if solves else (EXPLICIT_DASHPOT * max(0.0, 1.0 / dt - 0.5 * damping), 0.0)
-        if rate != self._rate:
-            self._rate = rate
-            self.rate.from_numpy(np.array(rate, self.particles.memory.number))
 
     def parts(self, x: np.ndarray, v: np.ndarray, frame_dt: float, dt: float) -> int:
         return self.approach.parts(x, v, frame_dt, dt)
@@ -199,9 +174,8 @@ class Touch(MutualForce):
         """Store what a contact does to its point."""
         depth, force, tilt = self.contacts.depth(contact, x), ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
         if depth > 0.0:
-            pressed, _damped, rubbed, _heat, lean, damping = self._push(contact, depth, x, v)
+            pressed, _damped, rubbed, _heat, lean = self._push(contact, depth, x, v)
             force, tilt = pressed * self.contacts.normal[contact] + rubbed, lean
-            self.damping[contact] = damping
         self.force[contact] = force
         if ti.static(self.rubs):
             self.tilt[contact] = tilt
@@ -209,12 +183,11 @@ class Touch(MutualForce):
     @ti.func
     def _push(self, contact, depth, x, v):
         """Of a contact at a depth [m]: the normal force [N], the power [W] of its dashpot, friction [N] and its power,
-        the forces along the normal that balance its torque on the corners, and the dashpot [N·s/m]."""
+        and the forces along the normal that balance its torque on the corners."""
         n, scale, law = self.contacts.normal[contact], self.contacts.scale(contact), self.contacts.law_of(contact)
         slide = self.contacts.between(contact, v)
         outwards = slide.dot(n)
-        damping = law[1] + self._core_damping(contact, depth, outwards)
-        pressed = pressure(depth, outwards, scale * law[0], scale * damping)
+        pressed = pressure(depth, outwards, scale * law[0], scale * law[1])
         damped = (pressed - scale * law[0] * depth) * outwards
         rubbed, tilt, heat = 0.0 * n, 0.0 * n, 0.0 * depth
         if ti.static(self.rubs):
@@ -228,7 +201,7 @@ class Touch(MutualForce):
             heat = rubbed.dot(across)
             a, b = lever * slope_a.dot(rubbed), lever * slope_b.dot(rubbed)
             tilt = ti.Vector([a, b, -a - b])
-        return pressed, damped, rubbed, heat, tilt, damping
+        return pressed, damped, rubbed, heat, tilt
 
     @ti.func
     def _along(self, contact, n, x):
@@ -236,17 +209,6 @@ class Touch(MutualForce):
         lies as deep below the touched place."""
         apart, lever = self.contacts.between(contact, x), self.contacts.lever_when_found(contact)
         return apart - apart.dot(n) * n - lever * self._slopes(contact, n, x)[2]
-
-    @ti.func
-    def _core_damping(self, contact, depth, outwards):
-        """The dashpot [N·s/m] that a whole contact has in the core of what it touches."""
-        damping, core = ti.cast(0.0, float), self.contacts.core[contact]
-        if depth > core and outwards < 0.0:
-            own, other = self.contacts.jellos(contact)
-            a, b = self.masses[own], self.masses[other]
-            hardness = self.rate[0] * ti.min(a[0], b[0]) + self.rate[1] * ti.min(a[1], b[1])
-            damping = hardness * ti.min(1.0, (depth - core) / (CORE_RAMP * core))
-        return damping
 
     @ti.func
     def _slopes(self, contact, n, v):
@@ -298,7 +260,7 @@ class Touch(MutualForce):
                     if ti.static(self.rubs):
                         across = self.sticking[contact] * (law[0] + law[3] / c)
                     both = 2.0 * ti.abs(self.contacts.weight_in[p]) * self.contacts.scale(contact)
-                    along = law[0] + self.damping[contact] / c
+                    along = law[0] + law[1] / c
                     at_point += both * block(across, along, self.force[contact] / pull)
             total += self.part_in[k] * at_point
         return total
@@ -324,6 +286,6 @@ class Touch(MutualForce):
             for contact in range(start, start + self.contacts.count[self.around[k]]):
                 depth = self.contacts.depth(contact, x)
                 if depth > 0.0:
-                    _pressed, damped, _rubbed, heat, _tilt, _damping = self._push(contact, depth, x, v)
+                    _pressed, damped, _rubbed, heat, _tilt = self._push(contact, depth, x, v)
                     total += self.part_in[k] * ti.Vector([damped, heat])
         return total

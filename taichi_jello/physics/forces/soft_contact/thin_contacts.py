@@ -12,14 +12,13 @@ from taichi_jello.physics.forces.soft_contact.fast.inelastic_brake import Brake
 from taichi_jello.physics.forces.soft_contact.search.closest_point import closest, nearer
 from taichi_jello.physics.forces.soft_contact.search.neighbour_list import NeighbourList
 from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import FAR
-from taichi_jello.physics.forces.soft_contact.surface.shapes import CORE
 from taichi_jello.physics.state import Memory
 from taichi_jello.scene.body import Body
 
 COPLANAR = 1e-3  # of the distance that ropes keep: those that cross nearer than this do so in one plane
 COINCIDENT = 1e-9  # m, a distance that has no direction to rely on
 STOPPED_WITHIN = 0.5  # of the distance that thin jellos keep
-BRAKED_AT = 1.5  # core depths between thin jellos at which both are braked as wholes
+BRAKED_AT = 0.75  # of the distance that thin jellos keep: deeper, both are braked as wholes
 UP, SIDEWAYS = ti.Vector([0.0, 1.0, 0.0]), ti.Vector([1.0, 0.0, 0.0])
 
 
@@ -117,11 +116,13 @@ class ThinContacts:
         separation, ropes = self.surface.radius[own] + self.surface.radius[other], self.surface.are_ropes(own, other)
         n = self._normal(q, corners, weights, distance, ti.select(ropes, COPLANAR * separation, COINCIDENT))
         outwards = self.contacts.difference(q, corners, weights, v).dot(n)
-        contact, core = q * self.contacts.per_point + self.contacts.count[q], 2.0 * CORE * separation
-        self.contacts.core[contact], self.contacts.share[contact] = core, ti.select(ropes, ROPE_PAIR_SHARE, 1.0)
-        self.contacts.separation[contact] = separation
+        contact = q * self.contacts.per_point + self.contacts.count[q]
+        self.contacts.share[contact], self.contacts.separation[contact] = (
+            ti.select(ropes, ROPE_PAIR_SHARE, 1.0),
+            separation,
+        )
         if ti.static(self.brakes):
-            limit = BRAKED_AT * core
+            limit = BRAKED_AT * separation
             if ti.static(self.has_thin_pairs):
                 if self._is_too_fast(own, other, -outwards):
                     limit = 0.0
