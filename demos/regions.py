@@ -1,4 +1,4 @@
-"""A cube lands and sags where it is soft, in its lemon half below; a hard core above keeps its shape."""
+"""A cube lands and sags where it is soft, in its yellow half below; a hard core above keeps its shape."""
 
 from taichi_jello import Box, Camera, Contact, Plane, Region, Scene
 

@@ -7,7 +7,8 @@ from typing import Any
 
 from taichi_jello import shapes
 from taichi_jello.physics import colliders, forces
-from taichi_jello.scene.description import Collider, Force, Jello, Scene, override
+from taichi_jello.scene.description import Collider, Force, Jello, Scene
+from taichi_jello.scene.override import override
 from taichi_jello.scene.validation import Checked, SceneError, shown, word
 from taichi_jello.support.plugins import classes
 

@@ -6,7 +6,7 @@ import pytest
 from taichi_jello import Ball, Block, Box, Plane, Room, Rope, Scene, Sheet, Sphere, scenefiles
 from taichi_jello.run.assembly import assembled
 from taichi_jello.run.placing import outline
-from taichi_jello.scene.description import override
+from taichi_jello.scene.override import override
 
 SMALL = {"points": (3, 3, 3)}
 

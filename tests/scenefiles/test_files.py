@@ -3,7 +3,7 @@
 import pytest
 
 from taichi_jello import Box, Grab, Plane, Room, Scene, SceneError, Sphere, UniformField, scenefiles
-from taichi_jello.scene.description import override
+from taichi_jello.scene.override import override
 from taichi_jello.scenefiles._table import changed
 
 EVERYTHING = """

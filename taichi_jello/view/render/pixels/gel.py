@@ -176,7 +176,8 @@ def lit(
         if weight.max() > FAINTEST:
             light = vec3(-1.0)
             if k == 1:
-                light = behind(view, studio, start, toward, 1.5 * gel[SIZES, 0], scene, depths)
+                reach = ti.max(1.5 * gel[SIZES, 0], 12.0 * gel[SIZES, 2])
+                light = behind(view, studio, start, toward, reach, scene, depths)
             if light[0] < 0.0:
                 soft = ti.select(k == 0, 0.12, 0.3)
                 light = around(studio, start, toward, 0.03, vec3(1.0)) + lamps(studio, start, toward, soft)
