@@ -115,6 +115,7 @@ def test_only_what_a_scene_needs_is_compiled(method, monkeypatch, best_precision
     assert code["no friction"] - code["plain"] >= {"collider_penalty.pressure", "plane.signed_distance"}
     friction = {f"friction.{name}" for name in ("friction_force", "cone", "stretch", "follow", "let_go")}
     assert code["plane"] - code["no friction"] == friction | {"collider_penalty.hold", "collider_penalty.end_step"}
-    swept = {"sphere.core_entry", "continuous_collision.stop", "continuous_collision.first_entry"}
+    sweep = {f"continuous_collision.{name}" for name in ("stop", "first_entry", "correction", "forget")}
+    swept = {"sphere.core_entry"} | sweep
     assert code["sphere too"] - code["plane"] == {"sphere.signed_distance"} | swept
     assert not any(name.startswith(("gravity.", "drag.", "field.")) for names in code.values() for name in names)

@@ -21,6 +21,7 @@ from taichi_jello.physics.forces.springs.tearing import still_there
 from taichi_jello.physics.particles import Particles
 from taichi_jello.scene.description import Scene
 
+# What each form is called, where its faces are, and how points are put on these.
 FORMS = (("edge contact", Faces.bare, between_particles), ("skin edge contact", Faces.skins, between_skin_points))
 
 

@@ -11,8 +11,8 @@ from taichi_jello.physics.particles import Particles
 
 @ti.data_oriented
 class PointSweep(Sweep):
-    """As Sweep, for the points of a SkinContact. A point moves by a vector b where its corners move by b w/Σw², as the
-    least squares do. Each particle takes the largest of what the points around it want."""
+    """As Sweep, for the points of a SkinContact. A point moves by a vector b if its corners move by b w/Σw², the
+    shortest such ways. Each particle takes the largest of what the points around it want."""
 
     def __init__(self, contact: Any, particles: Particles):
         super().__init__(contact, particles, np.ones(len(particles.body), bool))

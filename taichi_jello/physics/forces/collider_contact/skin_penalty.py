@@ -34,8 +34,8 @@ def cell_weight(k: ti.template(), at):
 @ti.data_oriented
 class SkinContact(PenaltyContact):
     """Contact as in PenaltyContact, at points Σ w x of skins. `prepare` goes over the cells that hold skin: in a cell
-    that may touch, it sums the forces on its points, each times its weight, for each of the eight corners. Then every
-    particle takes the sums of the cells around it, in a fixed order."""
+    that may touch, it sums the forces on its points, each times its weight, for each of its `width` corners. Then
+    every particle takes the sums of the cells around it, in a fixed order."""
 
     title = "skin contact"
     prepares = True
@@ -56,7 +56,7 @@ class SkinContact(PenaltyContact):
         self.skin = memory.table(self.title, "skin", skin)
         first = np.searchsorted(cells.ravel()[by_particle], np.arange(len(body) + 1))
         self.first = memory.table(self.title, "first", first)
-        self.around = memory.table(self.title, "around", by_particle)  # 8 cell + corner, for each particle
+        self.around = memory.table(self.title, "around", by_particle)  # width · cell + corner, for each particle
         self.near = memory.table(self.title, "near", np.zeros(len(cells), np.int32))
         self.forces = memory.table(self.title, "forces", np.zeros((self.width * len(cells), 3)))
 
