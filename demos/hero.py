@@ -1,16 +1,8 @@
-"""A teapot, a cube, a ball, a ring and a tower of jello drop onto a tray and wobble; the camera goes round."""
+"""A teapot, a cube, a ball, a ring and a tower of jello drop onto a table and wobble; the camera goes round."""
 
 from taichi_jello import Background, Ball, Block, Box, Camera, Contact, Ground, Mesh, Plane, Ring, Scene, Solver
 
-WIDE, DEEP, RIM = 2.1, 1.8, 0.07  # m, of the tray
-
-
-def tray() -> list[Block]:
-    """A plate with a low rim."""
-    rims = [((sign * WIDE / 2.0, 0.11, 0.0), (RIM, 0.22, DEEP + RIM)) for sign in (-1.0, 1.0)]
-    rims += [((0.0, 0.11, sign * DEEP / 2.0), (WIDE + RIM, 0.22, RIM)) for sign in (-1.0, 1.0)]
-    parts = [((0.0, 0.05, 0.0), (WIDE, 0.1, DEEP)), *rims]
-    return [Block(center=center, size=size, color="ivory") for center, size in parts]
+TABLE = Block(center=(0.0, -0.05, 0.0), size=(2.3, 0.3, 2.0), color="ivory")
 
 
 def jellos() -> list[Ball | Box | Mesh | Ring]:
@@ -28,10 +20,10 @@ def jellos() -> list[Ball | Box | Mesh | Ring]:
 
 def scene() -> Scene:
     return Scene(
-        title="Jellos on a tray",
+        title="Jellos on a table",
         seconds=6.0,
         jello=jellos(),
-        collider=[Plane(), *tray()],
+        collider=[Plane(), TABLE],
         contact=Contact(stiffness=12.0, damping=0.0015, friction=0.8),
         solver=Solver(method="symplectic-euler"),
         camera=Camera(eye=(1.25, 1.5, 2.3), target=(0.0, 0.33, 0.0), fov=38.0, show="skin", orbit=0.05),

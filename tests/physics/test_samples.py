@@ -7,7 +7,7 @@ import pytest
 from touching_pairs import touch
 
 from taichi_jello import Box, Pin, Rope, Scene, Sheet, Simulation
-from taichi_jello.physics.forces.collider_contact.skin_penalty import steepest
+from taichi_jello.physics.forces.collider_contact.surface_points import steepest
 from taichi_jello.physics.forces.soft_contact.surface.edge_samples import MAX_PARTS, edges, samples
 from taichi_jello.physics.forces.soft_contact.surface.exits import ways_out
 from taichi_jello.physics.forces.soft_contact.surface.points_and_elements import Touching

@@ -9,17 +9,9 @@ import taichi as ti
 from taichi_jello.physics.forces._base import even_block
 from taichi_jello.physics.forces.collider_contact.collider_penalty import PenaltyContact
 from taichi_jello.physics.forces.collider_contact.continuous_collision import Sweep
-from taichi_jello.physics.forces.collider_contact.surface_points import SurfacePoints, of_skin
+from taichi_jello.physics.forces.collider_contact.surface_points import SurfacePoints, of_skin, steepest
 from taichi_jello.physics.particles import Particles
 from taichi_jello.scene.description import Scene
-
-
-def steepest(mass: np.ndarray, corners: np.ndarray, weights: np.ndarray, share: np.ndarray) -> float:
-    """How stiff unit springs at points Σ weight · x[corner] can be, over mass [1/kg]: the matrix M^-½ Wᵀ S W M^-½ of
-    the weights W (V, 8) and shares S (V,) has no negative entry, so no eigenvalue exceeds its largest row sum."""
-    root = 1.0 / np.sqrt(mass)
-    row = share[:, None] * weights * (weights * root[corners]).sum(1, keepdims=True)
-    return float((root * np.bincount(corners.ravel(), row.ravel(), len(mass))).max())
 
 
 @ti.func

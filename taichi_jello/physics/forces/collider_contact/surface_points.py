@@ -40,11 +40,13 @@ class SurfacePoints:
 @dataclass(frozen=True)
 class Faces:
     """Triangles (T, 3) over points with rest positions (P, 3) [m]; a segment has its second point twice. jello (T,);
-    side (J,) [m] of the triangles of each jello: of a lattice the longest that is no diagonal; zero without any."""
+    length (T,) [m] of the middle one of their sides: of a lattice the longest that is no diagonal; side (J,) [m]: the
+    longest of these in each jello, zero without any."""
 
     rest: np.ndarray
     triangles: np.ndarray
     jello: np.ndarray
+    length: np.ndarray
     side: np.ndarray
 
     @classmethod
@@ -53,7 +55,7 @@ class Faces:
         length = np.sort(np.linalg.norm(corner - np.roll(corner, 1, 1), axis=2), 1)[:, 1]
         side = np.zeros(int(body.jello.max()) + 1)
         np.maximum.at(side, jello, length)
-        return cls(rest, triangles, jello, side)
+        return cls(rest, triangles, jello, length, side)
 
     @classmethod
     def bare(cls, body: Body) -> "Faces":
@@ -75,15 +77,21 @@ class Faces:
         wanted = np.ceil(self.side[:, None] / (HOLE * thickness) - 1e-6)
         return np.where(thickness < SMALL * self.side[:, None], wanted, 1.0).astype(int)
 
+    def parts_of_each(self, parts: np.ndarray, small: Sequence[Any]) -> np.ndarray:
+        """(T,) into how many parts the sides of each triangle are cut, in jellos cut into `parts` (J,): not at all if
+        it is itself small beside the `small` colliders."""
+        least = min((each.thickness for each in small), default=np.inf)
+        return np.where(self.length > HOLE * least, parts[self.jello], 1)
+
     def least_thickness(self) -> np.ndarray:
         """(J,) [m] of a collider that does not fit between the points, however many there may be."""
         return self.side / (HOLE * MAX_PARTS)
 
     def grid(self, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Triangles (S,) and weights (S, 3) in them of the points of a regular grid, once each and without the corners,
-        the sides cut into parts (J,)."""
+        the sides cut into parts (T,)."""
         of, weights, keys = [np.zeros(0, int)], [np.zeros((0, 3))], [np.zeros((0, 6), int)]
-        own, thread = parts[self.jello], self.triangles[:, 1] == self.triangles[:, 2]
+        own, thread = parts, self.triangles[:, 1] == self.triangles[:, 2]
         for m in np.unique(own[own > 1]):
             steps = np.array([(m - j - k, j, k) for j in range(m + 1) for k in range(m + 1 - j)])
             steps = steps[steps.max(1) < m]
@@ -99,6 +107,21 @@ class Faces:
         return np.concatenate(of)[first], np.concatenate(weights)[first]
 
 
+def row_sums(mass: np.ndarray, corners: np.ndarray, weights: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """(N,) the row sums [1/kg] of M^-½ Wᵀ S W M^-½, of unit springs at points Σ weight · x[corner] with the weights
+    W (S, K) and shares S (S,)."""
+    root = 1.0 / np.sqrt(mass)
+    row = share[:, None] * weights * (weights * root[corners]).sum(1, keepdims=True)
+    sums: np.ndarray = root * np.bincount(corners.ravel(), row.ravel(), len(mass))
+    return sums
+
+
+def steepest(mass: np.ndarray, corners: np.ndarray, weights: np.ndarray, share: np.ndarray) -> float:
+    """How stiff such springs can be, over mass [1/kg]: the matrix has no negative entry, so no eigenvalue exceeds its
+    largest row sum."""
+    return float(row_sums(mass, corners, weights, share).max())
+
+
 def of_skin(body: Body) -> SurfacePoints:
     """The points of embedded skins, in cells."""
     return SurfacePoints(body.skin_corners, body.skin_weights, shares(body), body.skin_weights @ CORNERS)
@@ -107,7 +130,7 @@ def of_skin(body: Body) -> SurfacePoints:
 def between_particles(body: Body, faces: Faces, parts: np.ndarray) -> SurfacePoints:
     """The grid on bare faces."""
     triangle, weights = faces.grid(parts)
-    share = np.minimum(1.0, TOGETHER / parts[faces.jello[triangle]] ** 2.0)
+    share = np.minimum(1.0, TOGETHER / parts[triangle] ** 2.0)
     return SurfacePoints(faces.triangles[triangle].astype(np.int32), weights, share, weights)
 
 
@@ -120,14 +143,18 @@ def between_skin_points(body: Body, faces: Faces, parts: np.ndarray) -> SurfaceP
     place = (np.einsum("sk,skd->sd", weights, faces.rest[faces.triangles[triangle]])[:, None] - low) / size
     inside = np.clip(place, 0.0, 1.0)
     best = np.arange(len(cells)), np.abs(place - inside).sum(2).argmin(1)
-    owner = faces.jello[triangle]
-    apart = faces.side[owner] / parts[owner]
+    apart = faces.length[triangle] / parts[triangle]
     share = np.minimum(1.0, TOGETHER * apart**2 / np.prod(size[best], 1) ** (2.0 / 3.0))
-    return SurfacePoints(cells[best], trilinear(inside[best]), share, inside[best])
+    corners, found = cells[best], trilinear(inside[best])
+    most = TOGETHER * steepest(body.mass, body.skin_corners, body.skin_weights, shares(body))
+    sums = np.maximum(row_sums(body.mass, corners, found, share), most)[corners]  # light particles hold little
+    return SurfacePoints(
+        corners, found, share * np.where(found > 0.0, most / sums, 1.0).min(1, initial=1.0), inside[best]
+    )
 
 
 def parts_wanted(scene: Scene, faces: Faces) -> tuple[np.ndarray, list[Any]]:
-    """(J,) into how many parts the sides of each jello are cut, and the colliders that are small for some jello."""
+    """(T,) into how many parts the sides of each triangle are cut, and the colliders that are small for some jello."""
     parts = faces.parts(scene.collider)
     small = [each for each, most in zip(scene.collider, parts.max(0), strict=True) if most > 1]
-    return np.minimum(parts.max(1), MAX_PARTS), small
+    return faces.parts_of_each(np.minimum(parts.max(1, initial=1), MAX_PARTS), small), small

@@ -14,7 +14,7 @@ import taichi as ti
 from taichi_jello.physics.forces._base import MutualForce, Rates, block, cut, even_block
 from taichi_jello.physics.forces.collider_contact.collider_penalty import pressure
 from taichi_jello.physics.forces.collider_contact.friction import cone, friction_force
-from taichi_jello.physics.forces.collider_contact.skin_penalty import steepest
+from taichi_jello.physics.forces.collider_contact.surface_points import steepest
 from taichi_jello.physics.forces.contact_law import ContactLaw
 from taichi_jello.physics.forces.soft_contact.bristles import Bristles
 from taichi_jello.physics.forces.soft_contact.contacts import FULL_CONTACTS
