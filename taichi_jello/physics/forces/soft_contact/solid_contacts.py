@@ -21,6 +21,7 @@ from taichi_jello.physics.state import Memory
 
 COINCIDENT = 1e-9  # m, a distance that has no direction to rely on
 SAME_SIDE = 0.5  # the cosine above which a face is on the same side as the point that would leave by it
+OVER_AN_EDGE = 1 / 3  # of the way to the face to leave by: a point this near to a face on its own side leaves by that
 LEAST_COSINE = 0.05  # between a direction and the way from middle to middle that it leads along, or against
 LEAST_SHARE = 0.002  # of a contact of two compact jellos: else those with coplanar sides would stay in each other
 BETWEEN = 0.5  # of a core's depth, at which a thin jello is in it: it may be deeper between its points
@@ -124,8 +125,9 @@ class SolidContacts:
         way out that has become another one brings no energy.
 
         The point leaves by the nearest face, of those on the shortest ways through the undeformed body that are not on
-        the same side as the point itself: otherwise two jellos that overlap by half crawl round each other (of 28
-        pairs laid into each other 10 stay so, for 6)."""
+        the same side as the point itself: otherwise two jellos that overlap by half crawl round each other. But a
+        point that has just come in over an edge leaves by the face on its own side that is much nearer: by another
+        one it would at once be pressed as deep as it is behind the edge."""
         p, a, out = self.place[q], self.ahead[self.surface.nodes[e][0]], self._outwards(q)
         same, first, shortest, way = 0, 0, ti.cast(FAR, float), self.way[e]
         for k in ti.static(range(3)):
@@ -138,17 +140,21 @@ class SolidContacts:
                     shortest, first = way[2 * k + up], 2 * k + up
         spacing, nearest = self.surface.spacing[self.surface.owner[e]], ti.cast(FAR, float)
         best, corners, weights = ti.cast(FAR, float), ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
-        for attempt in range(3):  # the opposite sides; from middle to middle; any side, for the share
+        for attempt in range(
+            4
+        ):  # the opposite sides, over an edge, from middle to middle; then any side, for the share
             sides, longest, limit = 63, ti.cast(0.5 * FAR, float), nearest
             if attempt == 0:
                 sides, longest = ti.select(shortest < FAR, 63 ^ same, 0), shortest + spacing
             elif attempt == 1:
+                sides, longest, limit = ti.select(best < spacing, same, 0), spacing, OVER_AN_EDGE * best
+            elif attempt == 2:
                 sides, limit = self._side_between_middles(q, e, corners, weights, best), FAR
             if sides != 0:
                 found, its_corners, its_weights = self._nearest_exit(e, p, sides, first, longest, limit)
                 if found < limit:
                     nearest = ti.min(nearest, found)
-                    if attempt < 2:
+                    if attempt < 3:
                         best, corners, weights = found, its_corners, its_weights
         least = ti.select(self._are_compact(q, e), LEAST_SHARE, 0.0)
         share = ti.math.clamp((nearest / ti.max(best, TINY)) ** 2, least, 1.0)
