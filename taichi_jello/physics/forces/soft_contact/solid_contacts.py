@@ -125,9 +125,10 @@ class SolidContacts:
         way out that has become another one brings no energy.
 
         The point leaves by the nearest face, of those on the shortest ways through the undeformed body that are not on
-        the same side as the point itself: otherwise two jellos that overlap by half crawl round each other. But a
-        point that has just come in over an edge leaves by the face on its own side that is much nearer: by another
-        one it would at once be pressed as deep as it is behind the edge."""
+        the same side as the point itself: otherwise two jellos that overlap by half crawl round each other (10 of 28
+        pairs stay so, for 6). But a point that has just come in over an edge leaves by the face on its own side that
+        is much nearer: by another one it would at once be pressed as deep as it is behind the edge (slabs laid into
+        each other by half come apart with 1.8 times the energy)."""
         p, a, out = self.place[q], self.ahead[self.surface.nodes[e][0]], self._outwards(q)
         same, first, shortest, way = 0, 0, ti.cast(FAR, float), self.way[e]
         for k in ti.static(range(3)):
