@@ -44,7 +44,7 @@ def test_points_are_a_grid_on_the_faces_without_the_particles():
     faces = Faces.bare(body)
     m = int(faces.parts([SPHERE])[0, 0])
     assert m == np.ceil(0.15 / (HOLE * 0.2)) and faces.side == pytest.approx([0.15])
-    triangle, weights = faces.grid(np.array([m]))
+    triangle, weights = faces.grid(np.full(len(faces.triangles), m))
     places = np.einsum("sk,skd->sd", weights, body.rest[faces.triangles[triangle]])
     assert len(places) == (6 * (4 * m) ** 2 + 2) - (6 * 4**2 + 2)
     assert len(np.unique(np.round(places / (0.15 / m)).astype(int), axis=0)) == len(places)
@@ -54,8 +54,9 @@ def test_points_are_a_grid_on_the_faces_without_the_particles():
 def test_sheets_have_them_once_and_ropes_on_their_segments():
     rope = Rope(points=5, length=1.0)
     for jello, count in ((Sheet(points=(3, 3), size=(1.0, 1.0)), 9**2 - 3**2), (rope, 4 * 3)):
-        assert len(Faces.bare(jello.body()).grid(np.array([4]))[0]) == count
-    assert not len(Faces.bare(jello.body()).grid(np.array([1]))[0])
+        faces = Faces.bare(jello.body())
+        assert len(faces.grid(np.full(len(faces.triangles), 4))[0]) == count
+        assert not len(faces.grid(np.ones(len(faces.triangles), int))[0])
 
 
 def pressed(x, points, radius):

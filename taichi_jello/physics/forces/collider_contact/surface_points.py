@@ -148,9 +148,8 @@ def between_skin_points(body: Body, faces: Faces, parts: np.ndarray) -> SurfaceP
     corners, found = cells[best], trilinear(inside[best])
     most = TOGETHER * steepest(body.mass, body.skin_corners, body.skin_weights, shares(body))
     sums = np.maximum(row_sums(body.mass, corners, found, share), most)[corners]  # light particles hold little
-    return SurfacePoints(
-        corners, found, share * np.where(found > 0.0, most / sums, 1.0).min(1, initial=1.0), inside[best]
-    )
+    share = share * np.where(found > 0.0, most / sums, 1.0).min(1, initial=1.0)
+    return SurfacePoints(corners, found, share, inside[best])
 
 
 def parts_wanted(scene: Scene, faces: Faces) -> tuple[np.ndarray, list[Any]]:
