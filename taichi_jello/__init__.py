@@ -18,11 +18,11 @@ with interrupt.importing():
     from taichi_jello.physics.forces.field import UniformField as UniformField
     from taichi_jello.physics.forces.grab import Grab as Grab
     from taichi_jello.physics.forces.wind import Wind as Wind
+    from taichi_jello.run.checks.start_warnings import SceneWarning as SceneWarning
     from taichi_jello.run.clock import StepWarning as StepWarning
     from taichi_jello.run.diverged import Diverged as Diverged
     from taichi_jello.run.simulation import Simulation as Simulation
     from taichi_jello.run.snapshot import Snapshot as Snapshot
-    from taichi_jello.run.start_warnings import SceneWarning as SceneWarning
     from taichi_jello.scene.description import Contact as Contact
     from taichi_jello.scene.description import Pin as Pin
     from taichi_jello.scene.description import Scene as Scene

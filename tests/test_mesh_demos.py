@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from taichi_jello import Simulation, scenefiles
-from taichi_jello.shapes._meshfile import flaws, read
+from taichi_jello.shapes._meshfiles.reading import flaws, read
 from taichi_jello.shapes.mesh import volume
 from taichi_jello.support import runtime
 

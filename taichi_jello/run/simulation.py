@@ -11,13 +11,13 @@ import numpy as np
 from taichi_jello.physics.energy_ledger import Books
 from taichi_jello.physics.forces.grab import MOST, Hand, Held
 from taichi_jello.physics.system import System
-from taichi_jello.run import start_warnings
 from taichi_jello.run.assembly import assembled
 from taichi_jello.run.auto_method import AUTO, Choice
+from taichi_jello.run.checks import start_warnings
+from taichi_jello.run.checks.watch import Watch
 from taichi_jello.run.clock import Clock, StepWarning, asked_step, asked_substeps, safe_substeps, steps_in
 from taichi_jello.run.diverged import diverged
 from taichi_jello.run.snapshot import Snapshot
-from taichi_jello.run.watch import Watch
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene, SceneError, vector
 from taichi_jello.support import interrupt, runtime
@@ -58,15 +58,12 @@ class Simulation:
         self._systems = {self.method: self.system}  # made only once, since Taichi never frees compiled code
         self._warned: tuple[Any, ...] = ()  # the unsafe step of the last warning
         self.clock = Clock(self.frame_dt, self._choose_substeps())
-        self._frame_begun = False
+        self._frame_begun, self._at_start = False, True
         self._ran: set[str] = set()  # methods
         self._books: Books | None = None
-        self.first_tuning = dict(self.tuning)
-        self.start = self.snapshot()
-        self._at_start = True
+        self.first_tuning, self.start = dict(self.tuning), self.snapshot()
         self._open_books()
         start_warnings.on_contact(scene, self.body)
-        start_warnings.on_thin_colliders(scene, self.body)
         self.watch = Watch(scene, self.body)
 
     def _choose_substeps(self) -> int:

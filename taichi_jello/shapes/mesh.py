@@ -12,9 +12,9 @@ import numpy as np
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Jello
 from taichi_jello.scene.validation import SceneError, number, whole, word
-from taichi_jello.shapes._meshfile import flaws, read
+from taichi_jello.shapes._meshfiles.reading import flaws, read
+from taichi_jello.shapes._meshfiles.stl import MeshWarning
 from taichi_jello.shapes._skin import MAX_EDGE, parts, skinned_body, split_edges
-from taichi_jello.shapes._stl import MeshWarning
 from taichi_jello.shapes.lattice import MAX_PARTICLES
 
 SURE = 0.3  # of a cell: by how much a triangle of a consistently oriented mesh must seem to face inwards to be flipped

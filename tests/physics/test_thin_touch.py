@@ -9,7 +9,7 @@ from touching_pairs import placed
 from taichi_jello import Box, Contact, Pin, Plane, Ring, Rope, Scene, Sheet, Simulation
 from taichi_jello.physics.forces.soft_contact.surface.shapes import THICKNESS
 from taichi_jello.physics.forces.soft_contact.thin_contacts import COPLANAR
-from taichi_jello.run.start_warnings import SceneWarning
+from taichi_jello.run.checks.start_warnings import SceneWarning
 from taichi_jello.shapes.lattice import rotation
 from taichi_jello.support import runtime
 

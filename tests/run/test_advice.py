@@ -23,8 +23,8 @@ from taichi_jello import (
     Sphere,
     scenefiles,
 )
-from taichi_jello.run import start_warnings
 from taichi_jello.run.assembly import assembled
+from taichi_jello.run.checks import start_warnings
 
 FALLING = {"collider": [Plane()]}
 HARD = Contact(stiffness=2000.0, damping=0.5)

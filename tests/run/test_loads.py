@@ -19,10 +19,10 @@ from taichi_jello import (
     Sphere,
 )
 from taichi_jello.physics.forces.contact_law import standing_points
-from taichi_jello.run import start_warnings
 from taichi_jello.run.assembly import assembled
-from taichi_jello.run.loads import Piles, presses
-from taichi_jello.run.watch import in_cells, turned_over
+from taichi_jello.run.checks import start_warnings
+from taichi_jello.run.checks.loads import Piles, presses
+from taichi_jello.run.checks.watch import in_cells, turned_over
 from taichi_jello.scene.keyframes import Move
 
 SMALL = Box(points=(5, 5, 5), size=(0.4, 0.4, 0.4), stiffness=2000.0, position=(0.0, 0.2, 0.0))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from taichi_jello import Mesh, SceneError, scenefiles
-from taichi_jello.shapes import _meshfile
+from taichi_jello.shapes._meshfiles import reading
+from taichi_jello.shapes._meshfiles.stl import MeshWarning
 from taichi_jello.shapes._skin import parts
-from taichi_jello.shapes._stl import MeshWarning
 from taichi_jello.shapes._voxels import ASIDE, enclosed, passed_through
 from taichi_jello.shapes.ball import sphere
 
@@ -167,7 +167,7 @@ def test_mistakes_are_one_line(saved, tmp_path):
 
 
 def test_too_many_triangles_are_refused(saved, monkeypatch):
-    monkeypatch.setattr(_meshfile, "MAX_TRIANGLES", 100)
+    monkeypatch.setattr(reading, "MAX_TRIANGLES", 100)
     assert "expected at most 100 triangles, got 320" in problem(file=saved(surface(*sphere(0.3))))
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from taichi_jello import SceneError
-from taichi_jello.shapes._meshfile import flaws, read
-from taichi_jello.shapes._polygons import triangulated
-from taichi_jello.shapes._stl import MeshWarning
+from taichi_jello.shapes._meshfiles.polygons import triangulated
+from taichi_jello.shapes._meshfiles.reading import flaws, read
+from taichi_jello.shapes._meshfiles.stl import MeshWarning
 from taichi_jello.shapes.mesh import volume
 
 CORNERS = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]

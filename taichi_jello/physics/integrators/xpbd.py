@@ -18,10 +18,10 @@ import taichi as ti
 
 from taichi_jello.physics.forces._base import MutualForce, even_block
 from taichi_jello.physics.forces.springs.hooke import Springs, dashpot, hooke
-from taichi_jello.physics.integrators import _ldl
 from taichi_jello.physics.integrators._base import Integrator, oscillator_matrix, serial
 from taichi_jello.physics.integrators.energy_limits.energy_budget import ATTEMPTS, Budget
 from taichi_jello.physics.integrators.energy_limits.spin import Spin
+from taichi_jello.physics.integrators.implicit_solve import ldl
 from taichi_jello.physics.integrators.implicit_solve._implicit import solve_linear
 from taichi_jello.physics.integrators.symplectic_euler import SymplecticEuler
 from taichi_jello.physics.stable_step import Bound, largest_dt
@@ -176,7 +176,7 @@ class XPBD(Integrator):
                 if ti.static(force.adds_mass):
                     r += force.on_held(i, self.ahead, self.state.v, t + dt)
                 B += force.curvature(i, self.ahead, self.state.v, t + dt, dt)
-            change = _ldl.solve(B, r, self.memory.owner.epsilon)
+            change = ldl.solve(B, r, self.memory.owner.epsilon)
             self.change[i] = system.particles.inverse_mass(i) * m / dt * change
         system.wait_for_team()  # until no thread needs the old v
         for i in range(first, last):

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from taichi_jello.run.checks.start_warnings import SceneWarning
 from taichi_jello.run.clock import StepWarning
 from taichi_jello.run.simulation import Simulation
 from taichi_jello.run.snapshot import Snapshot
-from taichi_jello.run.start_warnings import SceneWarning
 from taichi_jello.scene.description import Jello, Scene
 from taichi_jello.scenefiles import demos
 from taichi_jello.shapes.ball import Ball

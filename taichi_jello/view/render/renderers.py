@@ -4,9 +4,9 @@ import warnings
 
 import numpy as np
 
+from taichi_jello.run.checks.start_warnings import SceneWarning
 from taichi_jello.run.replay import Recorded, Replayed
 from taichi_jello.run.simulation import Simulation
-from taichi_jello.run.start_warnings import SceneWarning
 from taichi_jello.support import runtime
 from taichi_jello.support.runtime import RuntimeProblem
 from taichi_jello.view.drawing.drawing import Drawing

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import taichi as ti
 
-from taichi_jello.physics.integrators import _ldl
+from taichi_jello.physics.integrators.implicit_solve import ldl
 from taichi_jello.physics.state import Memory, State
 from taichi_jello.scene.body import Body
 
@@ -108,9 +108,9 @@ class Spin:
         smallest = 16.0 * self.epsilon * (inertia[0] + inertia[1] + inertia[2]) + 1e-30  # a rope has none about itself
         for axis in ti.static(range(3)):
             inertia[axis] += smallest
-        self.correction[g] = _ldl.solve(inertia, torque, self.epsilon)
+        self.correction[g] = ldl.solve(inertia, torque, self.epsilon)
         self.velocity[g], self.centre[g] = momentum / mass, self.origin(g) + c
-        self.spin[g] = _ldl.solve(inertia, angular - c.cross(momentum), self.epsilon)
+        self.spin[g] = ldl.solve(inertia, angular - c.cross(momentum), self.epsilon)
 
     @ti.func
     def rigid(self, i):

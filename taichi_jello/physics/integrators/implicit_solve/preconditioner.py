@@ -17,7 +17,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_jello.physics.forces.springs.hooke import VECTORS
-from taichi_jello.physics.integrators import _ldl
+from taichi_jello.physics.integrators.implicit_solve import ldl
 from taichi_jello.physics.state import Memory
 from taichi_jello.scene.body import Body
 
@@ -178,14 +178,14 @@ class TwoLevel:
 
     @ti.func
     def set_block(self, i, B):
-        self.pivots[i], self.lower[i] = _ldl.factorise(B, self.memory.owner.epsilon)
+        self.pivots[i], self.lower[i] = ldl.factorise(B, self.memory.owner.epsilon)
 
     @ti.func
     def fine(self, system, i, r):
         """D⁻¹ r of particle i."""
         found = r
         if ti.static(self.by_blocks):
-            found = _ldl.substitute(self.pivots[i], self.lower[i], r)
+            found = ldl.substitute(self.pivots[i], self.lower[i], r)
             if ti.static(system.particles.pinned):
                 found *= system.particles.free[i]
         else:

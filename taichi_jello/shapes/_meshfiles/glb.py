@@ -10,7 +10,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from taichi_jello.scene.validation import shown
-from taichi_jello.shapes._polygons import MAX_TRIANGLES, MeshProblem
+from taichi_jello.shapes._meshfiles.polygons import MAX_TRIANGLES, MeshProblem
 
 JSON, BINARY = 0x4E4F534A, 0x004E4942  # kinds of chunks
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from taichi_jello.scene.validation import cut, shown
-from taichi_jello.shapes._polygons import MeshProblem, triangulated
+from taichi_jello.shapes._meshfiles.polygons import MeshProblem, triangulated
 
 TYPES = {"int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f"}
 TYPES |= {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f"}

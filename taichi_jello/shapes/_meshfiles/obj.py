@@ -6,7 +6,7 @@ from typing import NoReturn
 import numpy as np
 
 from taichi_jello.scene.validation import shown
-from taichi_jello.shapes._polygons import MeshProblem, triangulated
+from taichi_jello.shapes._meshfiles.polygons import MeshProblem, triangulated
 
 
 def read(data: bytes) -> tuple[np.ndarray, np.ndarray]:

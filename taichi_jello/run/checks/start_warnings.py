@@ -14,7 +14,7 @@ from taichi_jello.physics.forces.contact_law import (
 )
 from taichi_jello.physics.forces.grab import Grab
 from taichi_jello.physics.forces.soft_contact.surface.crossings import Surfaces, crossings
-from taichi_jello.run.loads import Piles, presses
+from taichi_jello.run.checks.loads import Piles, presses
 from taichi_jello.run.placing import lift_out, outline
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
@@ -118,7 +118,8 @@ def on_thin_colliders(scene: Scene, body: Body) -> None:
 
 
 def on_colliders(scene: Scene, body: Body) -> None:
-    """Warn of jellos that begin inside a collider."""
+    """Warn of jellos that begin inside a collider, or with one that may pass between their points."""
+    on_thin_colliders(scene, body)
     points, owner = outline(body)
     for j, c, depth in begun_inside(scene, body):
         collider = scene.collider[c]

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 
 from taichi_jello.scene.validation import shown
-from taichi_jello.shapes._polygons import MeshProblem
+from taichi_jello.shapes._meshfiles.polygons import MeshProblem
 
 HEADER = 84  # bytes: 80 of any text, then the number of triangles
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

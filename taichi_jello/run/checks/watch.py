@@ -8,7 +8,7 @@ import numpy as np
 from taichi_jello.physics.forces.contact_law import least_extents
 from taichi_jello.physics.forces.springs.tearing import still_there
 from taichi_jello.physics.forces.volume import SIGNS, edges
-from taichi_jello.run.start_warnings import HALF, SceneWarning
+from taichi_jello.run.checks.start_warnings import HALF, SceneWarning
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Collider, Scene
 from taichi_jello.support.wording import counted

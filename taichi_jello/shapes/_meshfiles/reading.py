@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 
 from taichi_jello.scene.validation import LARGEST, SceneError
-from taichi_jello.shapes import _glb, _obj, _ply, _stl
-from taichi_jello.shapes._polygons import MAX_TRIANGLES, MeshProblem
+from taichi_jello.shapes._meshfiles import glb, obj, ply, stl
+from taichi_jello.shapes._meshfiles.polygons import MAX_TRIANGLES, MeshProblem
 
 READERS = {
-    ".obj": lambda data, path: _obj.read(data),
-    ".stl": lambda data, path: _stl.read(data, str(path)),
-    ".ply": lambda data, path: _ply.read(data),
-    ".glb": lambda data, path: _glb.read(data, path.parent),
+    ".obj": lambda data, path: obj.read(data),
+    ".stl": lambda data, path: stl.read(data, str(path)),
+    ".ply": lambda data, path: ply.read(data),
+    ".glb": lambda data, path: glb.read(data, path.parent),
 }
 WELD = 1e-6  # of the mesh's size: closer points are merged
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
