@@ -15,6 +15,7 @@ def scene() -> Scene:
                 stiffness=40.0,
                 damping=0.02,
                 creep=4.0,
+                volume=1.0,
                 color="#85d12e",
                 keyframe=[
                     Keyframe(time=0.5, stiffness=1.0, damping=1.0),
