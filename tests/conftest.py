@@ -1,6 +1,5 @@
 """Options and fixtures for all tests: `pytest --arch cuda` runs the suite on another Taichi arch."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -11,10 +10,6 @@ import pytest
 from taichi_jello.app import cli
 from taichi_jello.physics.integrators import schemes
 from taichi_jello.support import runtime
-
-# Most of the suite's time goes into compiling. Without this pass of Taichi's, before LLVM optimises anyway, a scene of
-# two jellos compiles in two thirds of the time, to the same bits.
-os.environ.setdefault("TI_OPT_LEVEL", "0")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what it runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
