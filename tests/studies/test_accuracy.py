@@ -45,8 +45,8 @@ def asked(**options):
 
 
 EVERYTHING = Scene(
-    jello=[Box(points=(3, 3, 3), position=(0.0, 0.45, 0.0), velocity=(1.0, -1.0, 0.5), damping=0.4)],
-    collider=[Plane(), Sphere(center=(0.4, 0.3, 0.0), radius=0.3, swing=(0.2, 0.0, 0.1), period=0.3)],
+    jello=[Box(points=(4, 4, 4), position=(0.0, 0.45, 0.0), velocity=(1.0, -1.0, 0.5), damping=0.4)],
+    collider=[Plane(), Sphere(center=(0.5, 0.3, 0.0), radius=0.4, swing=(0.2, 0.0, 0.1), period=0.3)],
     drag=0.7,
     contact=Contact(friction=0.0),
     force=[UniformField(force=(0.3, 0.1, -0.2))],
