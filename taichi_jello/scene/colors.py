@@ -1,4 +1,4 @@
-"""Colours in a scene: a CSS name, "#rrggbb", or red, green and blue from 0 to 1, as a screen shows them."""
+"""Colours in a scene: a CSS name, "#rrggbb", or red, green and blue from 0 to 1 (sRGB values, not linear light)."""
 
 import re
 from typing import Any
@@ -41,7 +41,7 @@ NAMES = dict(zip(CSS.split()[::2], CSS.split()[1::2], strict=True))
 
 
 def color(key: str, value: Any) -> Vector:
-    """Red, green and blue from 0 to 1. Raises SceneError for anything that is no colour."""
+    """Red, green and blue from 0 to 1. Raises SceneError if it is not a colour."""
     digits = NAMES.get(value.lower(), value.removeprefix("#")) if isinstance(value, str) else ""
     if re.fullmatch("[0-9a-fA-F]{6}", digits) and (value.startswith("#") or value.lower() in NAMES):
         red, green, blue = (int(digits[k : k + 2], 16) / 255.0 for k in (0, 2, 4))
@@ -58,5 +58,5 @@ def color(key: str, value: Any) -> Vector:
 
 
 def color_or_none(key: str, value: Any) -> Vector | None:
-    """The same, or None."""
+    """Like `color`, but None stays None."""
     return None if value is None else color(key, value)

@@ -27,11 +27,11 @@ PATTERNS = ("checker", "plain")
 @dataclass(frozen=True, kw_only=True)
 class Camera(Checked):
     """The camera's position `eye` and the point it looks at [m]; fov: the vertical field of view [degrees] of a 16:9
-    picture (narrower pictures keep its width); what is drawn of jellos, and what the springs' color shows. scale: what
-    the top of the colour scale stands for, in the legend's unit, N, % or N/m; "auto": from the scene's weights and
-    speeds, raised where loads come to be higher. keyframe: eye, target and fov in time. follow: the number of a jello
-    whose middle the camera looks at in place of the target. orbit: how many times a second the eye goes round the
-    target, to the right if above 0."""
+    picture (narrower pictures keep its width). show: what is drawn of the jellos; color: what the springs' color shows.
+    scale: the value at the top of the colour scale, in the legend's unit, N, % or N/m; "auto": estimated from the
+    scene's weights and speeds, and raised if loads exceed it. keyframe: eye, target and fov over time. follow: the
+    number of a jello whose middle the camera looks at instead of the target. orbit: turns per second of the eye around
+    the target, to the right if positive."""
 
     eye: Vector = (2.6, 1.9, 3.6)
     target: Vector = (0.0, 0.6, 0.0)
@@ -66,8 +66,8 @@ class Camera(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Ground(Checked):
-    """The level floor as it is drawn: its color, by default that of its collider or grey; its pattern, "checker" or
-    "plain"; show: whether it is drawn at all, with the shadows on it."""
+    """How the level floor is drawn. color: by default its collider's color, else grey; pattern: "checker" or "plain";
+    show: whether the floor and the shadows on it are drawn."""
 
     color: Color | None = None
     pattern: str = PATTERNS[0]
@@ -83,7 +83,7 @@ class Ground(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Background(Checked):
-    """The sky: its colors at the `top` and at the horizon, the `bottom`, where the floor fades into it."""
+    """The sky: its color at the `top`, and at the `bottom`, the horizon, where the floor fades into it."""
 
     top: Color = (0.515, 0.575, 0.65)
     bottom: Color = (0.71, 0.737, 0.775)

@@ -1,1 +1,1 @@
-"""Warnings of what a scene is likely not meant to do: before it runs, and while it does."""
+"""Warnings about likely mistakes in a scene: before it runs, and while it runs."""

@@ -1,4 +1,4 @@
-"""What presses on the contact springs of jellos: what lies on top, what falls, what closes around them (NumPy only)."""
+"""Loads on the contact springs of jellos: stacked weight, falls, and colliders that close in on them (NumPy only)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,16 +8,16 @@ import numpy as np
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Collider, Scene
 
-MOMENTS = 61  # at which the way of moving colliders is looked at
-TRACES = 64  # steps towards a surface
-NEAR = 1e-4  # of the size of a jello: how near to a surface a trace ends
-OVERLAP = 0.25  # of its height, by which a jello may begin in the one that it lies on
+MOMENTS = 61  # at which the positions of moving colliders are sampled
+TRACES = 64  # sphere-tracing steps, at most
+NEAR = 1e-4  # m, the distance to a surface at which a trace ends
+OVERLAP = 0.25  # of the lower jello's height: how deep in it a jello may start and still count as lying on it
 
 
 @dataclass(frozen=True)
 class Piles:
-    """Which jellos lie on which: lies_on (J,) the jello below each, -1 for none; carried (J,) [kg] the mass on top of
-    each; fall (J,) [m] how far each is above what is below it, infinite if nothing is."""
+    """Which jello lies on which. lies_on (J,): the jello below each, -1 for none; carried (J,) [kg]: the mass on top of
+    each; fall (J,) [m]: the height of each above what is below it, infinite if nothing is."""
 
     lies_on: np.ndarray
     carried: np.ndarray
@@ -49,14 +49,14 @@ class Piles:
 
 
 def touching(body: Body) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 3) [m] the particles and the points of embedded skins that collide, and (n,) the jello of each."""
+    """The points that collide, (n, 3) [m]: particles and points of embedded skins; and the jello of each, (n,)."""
     bare = ~body.embedded
     owner = np.concatenate([body.jello[bare], body.jello[body.skin_corners[:, 0]]])
     return np.concatenate([body.x[bare], body.skin_points(body.x)]), owner
 
 
 def upright(scene: Scene) -> np.ndarray:
-    """(3, 3) two level unit vectors and the one against gravity."""
+    """(3, 3): two horizontal unit vectors and the one opposite to gravity."""
     up = -np.array(scene.gravity) / np.linalg.norm(scene.gravity)
     level = np.cross(np.eye(3)[np.abs(up).argmin()], up)
     level /= np.linalg.norm(level)
@@ -64,14 +64,14 @@ def upright(scene: Scene) -> np.ndarray:
 
 
 def drop(collider: Any, points: np.ndarray, up: np.ndarray) -> float:
-    """[m] How far the points (n, 3) can fall until one meets a collider, infinite if none does."""
+    """How far [m] the lowest of the points (n, 3) can fall before it meets a collider; infinite if it meets none."""
     lowest = points[points @ up <= (points @ up).min() + 1e-6 * (np.ptp(points @ up) or 1.0)].mean(0)
     return min((trace(each, lowest, -up) for each in collider), default=np.inf)
 
 
 def trace(collider: Collider, start: np.ndarray, way: np.ndarray) -> float:
-    """[m] How far a collider is from `start` (3,) along the unit vector `way`, at the beginning; infinite if it is not
-    met (sphere tracing, Hart 1996)."""
+    """The distance [m] from `start` (3,) to a collider along the unit vector `way`, at time 0; infinite if the ray
+    misses (sphere tracing, Hart 1996)."""
     gone, here = 0.0, start - collider.place(0.0)
     for _ in range(TRACES):
         left = float(collider.distance((here + gone * way)[None])[0])
@@ -85,7 +85,7 @@ def trace(collider: Collider, start: np.ndarray, way: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Press:
-    """Jello `jello`, `size` [m] from one to the other of the two `colliders`, is left `gap` [m] between these."""
+    """Two `colliders` leave jello `jello`, of extent `size` [m] between them, a gap of only `gap` [m]."""
 
     jello: int
     colliders: tuple[int, int]
@@ -94,7 +94,7 @@ class Press:
 
 
 def presses(scene: Scene, body: Body) -> list[Press]:
-    """The jellos that moving colliders close on, along an axis: the narrowest for each."""
+    """The jellos that moving colliders squeeze along an axis: for each the axis on which it is squeezed most."""
     if not scene.collider:
         return []
     moments = np.linspace(0.0, scene.seconds, MOMENTS)

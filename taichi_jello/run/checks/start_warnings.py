@@ -1,4 +1,4 @@
-"""Warnings at the start of scenes that run, but hardly as intended (NumPy only)."""
+"""Warnings at the start of scenes that run, but probably not as intended (NumPy only)."""
 
 import warnings
 
@@ -21,17 +21,17 @@ from taichi_jello.scene.description import Scene
 from taichi_jello.scene.validation import SceneError
 from taichi_jello.support.wording import counted
 
-MAX_SINK = 0.1  # of its least extent, by which a jello may sink into its support
-ADVISED_SINK = 0.01  # the same, with the advised stiffness
-HALF = 0.5  # of its least extent: what passes farther into a jello may come out at its other side
-MAX_LIFT = 3.0  # of the depth in a collider, up to which raising is the way out of it
-MARGIN = 1.01  # of an advised distance
-MAX_STRAIN = 1e-3  # of a spring at rest
-MAX_GAIN = 2.0  # m/s that a jello may gain in its first frame besides gravity
+MAX_SINK = 0.1  # of its least extent: how deep a jello may sink into its support
+ADVISED_SINK = 0.01  # the same with the suggested stiffness
+HALF = 0.5  # of its least extent: what gets deeper into a jello may come out on the far side
+MAX_LIFT = 3.0  # times the depth in a collider: up to this lift, the warning suggests raising the jello
+MARGIN = 1.01  # factor on a suggested distance
+MAX_STRAIN = 1e-3  # below this a spring counts as being at its rest length
+MAX_GAIN = 2.0  # m/s that a jello may gain in the first frame, besides what gravity gives it
 
 
 class SceneWarning(UserWarning):
-    """A scene that can be simulated, but hardly as intended."""
+    """A scene that can be simulated, but probably not as intended."""
 
 
 def has_support(scene: Scene) -> bool:
@@ -40,15 +40,15 @@ def has_support(scene: Scene) -> bool:
 
 
 def on_contact(scene: Scene, body: Body) -> None:
-    """Warn of jellos too heavy for contact springs, or that fall too far on them or are pressed too hard."""
+    """Warn of jellos that overload their contact springs by weight, by a fall or by pressure between colliders."""
     if has_support(scene):
         for _, words in sorted(too_heavy(scene, body) + too_hard_pressed(scene, body)):
             warnings.warn(words, SceneWarning, stacklevel=3)
 
 
 def too_heavy(scene: Scene, body: Body) -> list[tuple[int, str]]:
-    """(jello, what is told) of the free jellos whose weight, and that of what lies on them, contact springs carry too
-    low, or into whose springs they fall too far."""
+    """(jello, warning) for each free jello that sinks too deep into its contact springs, under its own weight plus the
+    load on top, or at the end of its fall."""
     weight = float(np.linalg.norm(scene.gravity))
     if weight == 0.0:
         return []
@@ -70,7 +70,7 @@ def too_heavy(scene: Scene, body: Body) -> list[tuple[int, str]]:
             told = f"{mass:.3g} kg{more} on contact springs of {k:g} N/m{' of both' * bool(pair)} sinks in by about"
             found.append((j, f"jello.{j}{pair}: {told} {depth:.2g} m; {advice(k * depth / (ADVISED_SINK * allowed))}"))
         elif solid[both].all() and np.isfinite(piles.fall[j]):
-            # The energy of the fall goes into the springs of contact and of the jellos, one after the other.
+            # The energy of the fall goes into the contact springs and the jellos' springs, in series.
             speed = -float(body.v[own].mean(0) @ np.array(scene.gravity)) / -weight
             energy = mass * (weight * piles.fall[j] + 0.5 * max(speed, 0.0) ** 2)
             together = 1.0 / (1.0 / (k * carrying) + (1.0 / stiff[both]).sum())
@@ -82,13 +82,13 @@ def too_heavy(scene: Scene, body: Body) -> list[tuple[int, str]]:
 
 
 def too_hard_pressed(scene: Scene, body: Body) -> list[tuple[int, str]]:
-    """(jello, what is told) of the jellos that colliders close on and go into, since what is pressed flat is harder
-    than its contact springs."""
+    """(jello, warning) for each jello that is squeezed between colliders until they sink into it, because the squashed
+    jello is stiffer than its contact springs."""
     least, points, stiff = least_extents(body), standing_points(body), as_a_bar(body, body.stiffness)
     found = []
     for press in presses(scene, body):
         j, k = press.jello, float(contact_numbers(scene, body)[press.jello, 0])
-        squashed = stiff[j] * (least[j] / press.size) ** 2 * (press.size - press.gap)  # E A/H [N] along another side
+        squashed = stiff[j] * (least[j] / press.size) ** 2 * (press.size - press.gap)  # [N], E A/H across this side
         force = squashed / (1.0 + 2.0 * stiff[j] / (k * points[j]))
         if (depth := force / (k * points[j])) > MAX_SINK * least[j]:
             pair = " and ".join(f"collider.{c}" for c in press.colliders)
@@ -105,7 +105,7 @@ def advice(stiffness: float) -> str:
 
 
 def on_thin_colliders(scene: Scene, body: Body) -> None:
-    """Warn of jellos with a collider so small that it may pass between their points."""
+    """Warn of colliders so small that they may slip between the points of a jello."""
     if not scene.collider or scene.contact.stiffness == 0.0:
         return
     thickness = np.array([each.thickness for each in scene.collider])
@@ -118,7 +118,7 @@ def on_thin_colliders(scene: Scene, body: Body) -> None:
 
 
 def on_colliders(scene: Scene, body: Body) -> None:
-    """Warn of jellos that begin inside a collider, or with one that may pass between their points."""
+    """Warn of jellos that start inside a collider, and of colliders that may slip between a jello's points."""
     on_thin_colliders(scene, body)
     points, owner = outline(body)
     for j, c, depth in begun_inside(scene, body):
@@ -131,7 +131,7 @@ def on_colliders(scene: Scene, body: Body) -> None:
 
 
 def begun_inside(scene: Scene, body: Body) -> list[tuple[int, int, float]]:
-    """(jello, collider, depth [m]) of each free jello that begins deeper in a collider than it would rest there."""
+    """(jello, collider, depth [m]) for each free jello that starts deeper in a collider than it would rest on it."""
     if not scene.collider or scene.contact.stiffness == 0.0:
         return []
     points, owner = outline(body)
@@ -146,7 +146,7 @@ def begun_inside(scene: Scene, body: Body) -> list[tuple[int, int, float]]:
 
 
 def on_crossings(scene: Scene, body: Body) -> None:
-    """Raise SceneError if a sheet or a rope starts through another jello that it touches; warn of solids that do."""
+    """Raise SceneError if a sheet or rope initially intersects another jello; warn if only solids do."""
     if not scene.contact.touch or scene.contact.stiffness == 0.0 or len(scene.jello) < 2:
         return
     surfaces = Surfaces.of(body)
@@ -168,35 +168,35 @@ def on_crossings(scene: Scene, body: Body) -> None:
 
 
 def on_start(scene: Scene, body: Body, v: np.ndarray) -> None:
-    """Warn of jellos that contact throws from their start, by their velocities (N, 3) [m/s] after the first frame,
-    unless another motion or force could have accelerated them."""
+    """Warn of jellos that contact flings away at the start, judged by the velocities (N, 3) [m/s] after the first
+    frame, unless another motion or force could have accelerated them."""
     frame = scene.solver.frame_dt
     moving = any(np.any(collider.moved_rows(0.0, frame)[:, 3:6]) for collider in scene.collider)
     if moving or scene.keyframe or any(not isinstance(f, Grab) for f in scene.force) or not has_support(scene):
         return
-    # A jello at rest gains speed from contact and gravity alone: its springs have their rest lengths, and no keyframes
-    # change or move it.
+    # A jello at rest, with springs at their rest lengths and no keyframes, can gain speed only from contact and
+    # gravity.
     length = np.linalg.norm(body.x[body.springs[:, 1]] - body.x[body.springs[:, 0]], axis=1)
     strained = body.jello[body.springs[:, 0]][np.abs(length - body.rest_length) > MAX_STRAIN * body.rest_length]
     changed = [bool(jello.keyframe) or any(pin.keyframe for pin in jello.pin) for jello in scene.jello]
     at_rest = ~np.isin(np.arange(len(scene.jello)), strained) & ~np.array(changed)
     before, after = speeds(body, body.v, at_rest), speeds(body, v, at_rest)
-    # 2 max(before): what the fastest jello can give to a light one.
+    # 2 max(before): the most speed that the fastest jello can pass on to a light one.
     gained = MAX_GAIN + 2.0 * frame * float(np.linalg.norm(scene.gravity)) + 2.0 * float(before.max())
     held = np.isin(np.arange(len(at_rest)), body.jello[body.pinned])
     known = [j for j, _, _ in begun_inside(scene, body)]
     for j in np.setdiff1d(np.flatnonzero((after - before > gained) & (at_rest | ~held)), known):
         warnings.warn(
             f"jello.{j} reaches {after[j]:.2g} m/s within the first frame: what begins inside the "
-            "ground or another jello, or nearer to a sheet or rope than these are thick, is thrown out",
+            "ground or another jello, or closer to a sheet or rope than its thickness, is thrown out",
             SceneWarning,
             stacklevel=4,
         )
 
 
 def speeds(body: Body, v: np.ndarray, rms: np.ndarray) -> np.ndarray:
-    """(J,) [m/s] the mass-weighted rms speed of the particles, moving at v (N, 3), of each jello with `rms` (J,) bool,
-    and the speed of the centre of mass of the others."""
+    """A speed (J,) [m/s] for each jello from the particle velocities v (N, 3): where `rms` (J,) is true the
+    mass-weighted rms speed of its particles, else the speed of its centre of mass."""
     mass = np.bincount(body.jello, body.mass)
     centre = np.linalg.norm([np.bincount(body.jello, body.mass * v[:, axis]) / mass for axis in range(3)], axis=0)
     return np.where(rms, np.sqrt(np.bincount(body.jello, body.mass * (v * v).sum(1)) / mass), centre)

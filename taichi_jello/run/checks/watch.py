@@ -1,4 +1,4 @@
-"""Warnings of a running scene: cells left inside out, and what has passed far into a jello (NumPy only)."""
+"""Warnings while a scene runs: cells that stay inverted, and objects deep inside a jello (NumPy only)."""
 
 import warnings
 from collections.abc import Iterator
@@ -13,16 +13,16 @@ from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Collider, Scene
 from taichi_jello.support.wording import counted
 
-INTERVAL = 0.2  # s from one look to the next
-PATIENCE = 0.5  # s for which cells may be inside out
-MANY = 64  # points of a collider that are looked for in jellos
-Key = tuple[str, int, int]  # what, and the pair or the jello
-Found = tuple[Key, str]  # and what is told
+INTERVAL = 0.2  # s between two checks
+PATIENCE = 0.5  # s that cells may stay inverted without a warning
+MANY = 64  # roughly, the number of points of a collider that are tested
+Key = tuple[str, int, int]  # the kind of warning, and the pair or the jello
+Found = tuple[Key, str]  # with the warning's text
 
 
 class Watch:
-    """Looks at a scene a few times a second of its own time. What it finds is told once: a jello with cells inside out,
-    and each pair of which one passes into the other by more than half of its thickness."""
+    """Checks a scene a few times per simulated second. It warns once about each jello with inverted cells, and about
+    each pair in which one object is deeper than half the thickness of the other."""
 
     def __init__(self, scene: Scene, body: Body):
         self.scene, self.body, self.told = scene, body, set[Key]()
@@ -34,19 +34,20 @@ class Watch:
         self.points_of = {j: np.flatnonzero((body.jello == j) & body.inside) for j in self.cells_of}
         self.surface_of = {j: body.surface[body.jello[body.surface[:, 0]] == j] for j in self.cells_of}
         self.touches = scene.contact.stiffness != 0.0
-        self.turned = np.zeros(len(self.cells))  # s since each cell was last seen right side out
+        self.turned = np.zeros(len(self.cells))  # s for which each cell has been seen inverted
         self.last = 0.0
         if self.touches:
-            self.told |= {key for key, _ in self._passed(0.0, body.x)}  # it may be held there
+            self.told |= {key for key, _ in self._passed(0.0, body.x)}  # it may be meant to be there
 
     def due(self, time: float) -> bool:
-        """Whether it is time for a look; a run that has gone back begins to wait anew."""
+        """Whether a check is due. After a jump back in time the interval starts again."""
         if time < self.last:
             self.last, self.turned = time, np.zeros(len(self.cells))
         return time - self.last >= INTERVAL * (1.0 - 1e-9)
 
     def look(self, time: float, x: np.ndarray, whole: np.ndarray | None) -> None:
-        """At `time` [s], with particles at x (N, 3) [m] and the springs `whole` (S,) not torn, None: all."""
+        """Check the state at `time` [s], with particles at x (N, 3) [m]. whole (S,): the springs not torn; None:
+        all."""
         found = list(self._inside_out(time - self.last, x, whole))
         self.last = time
         if self.touches:
@@ -81,7 +82,7 @@ class Watch:
                     yield ("jello", min(j, k), max(j, k)), told(time, f"jello.{k}", j)
 
     def _holds(self, j: int, c: int, time: float, x: np.ndarray, box: tuple[np.ndarray, np.ndarray]) -> bool:
-        """Whether part of a solid collider is more than halfway from the surface of jello j to its middle."""
+        """Whether a point of a finite collider is more than halfway from the surface of jello j to its middle."""
         collider = self.scene.collider[c]
         if not np.isfinite(collider.thickness):
             return False
@@ -94,7 +95,7 @@ class Watch:
         return bool(np.any(away > 0.5 * HALF * self.least[j]))
 
     def _holds_middle(self, j: int, k: int, x: np.ndarray, box: tuple[np.ndarray, np.ndarray]) -> bool:
-        """Whether the middle of jello k, which is in k itself, is in jello j too."""
+        """Whether the middle of jello k lies inside both k and j."""
         middle = x[self.points_of[k]].mean(0)
         if np.any(middle <= box[0]) or np.any(middle >= box[1]):
             return False
@@ -113,13 +114,14 @@ def turned_over(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
 
 
 def some_of(collider: Collider) -> np.ndarray:
-    """(n, 3) [m] its middle and points of its surface, relative to its origin."""
+    """(n, 3) [m]: the centre of a collider and some points of its surface, relative to its origin."""
     points = collider.mesh(1.0)[0]
     return np.concatenate([np.zeros((1, 3)), points[:: max(1, len(points) // MANY)]])
 
 
 def in_cells(points: np.ndarray, x: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """(n,) bool: whether points (n, 3) are in one of the cells (C, 8), each taken for the box of its mean edges."""
+    """(n,) bool: which points (n, 3) lie in any of the cells (C, 8), each approximated by the parallelepiped of its
+    mean edges."""
     if not len(points):
         return np.zeros(0, bool)
     sides = edges(x, cells).transpose(1, 2, 0)  # (C, 3, 3), each edge a column

@@ -1,16 +1,16 @@
-"""The end of the colour scale: one for a whole film, so that a colour always means the same load."""
+"""The top of the colour scale: kept for a whole film, unless loads exceed it, so that colours stay comparable."""
 
 import numpy as np
 
 from taichi_jello.scene.body import Body
 from taichi_jello.scene.description import Scene
 
-SHARE = 0.95  # of the loads that the scale spans: one extreme corner must not dim the rest
-MIN_STRAIN = 0.005  # the least end of a scale, so that rounding noise in a body at rest stays blue
+SHARE = 0.95  # quantile of the loads that the scale covers, so that one extreme corner does not dim the rest
+MIN_STRAIN = 0.005  # least top of the scale, so that rounding noise in a body at rest stays blue
 
 
 def round_up(value: float) -> float:
-    """The next of 1, 2 and 5 times a power of ten."""
+    """Round up to 1, 2 or 5 times a power of ten."""
     if not np.isfinite(value) or value <= 0.0:
         return 1.0
     power = 10.0 ** np.floor(np.log10(value))
@@ -18,9 +18,10 @@ def round_up(value: float) -> float:
 
 
 def expected(scene: Scene, body: Body) -> dict[str, float]:
-    """The force [N] and strain of springs to expect, by the names in COLORS: the largest over all jellos, at least that
-    of MIN_STRAIN. A spring bears its part of the weight over a cross-section; in a solid also its part of the energy E
-    of motion and fall if S springs of stiffness k take it up alike: F²/2k = E/S. Sheets and ropes fold instead."""
+    """The expected force [N] and strain of springs, by the names in COLORS: the largest over all jellos, and at least
+    that of MIN_STRAIN. For each jello it is the larger of two estimates. One spreads the weight over the springs of a
+    cross-section. The other, for solids only, spreads the energy E of motion and fall equally over the S springs of
+    stiffness k: F²/2k = E/S. Sheets and ropes fold instead."""
     gravity = float(np.linalg.norm(scene.gravity))
     floor = max((level for each in scene.collider if (level := each.floor()) is not None), default=None)
     solids, skinned = np.unique(body.jello[body.cells]), np.unique(body.jello[body.surface])
@@ -40,8 +41,8 @@ def expected(scene: Scene, body: Body) -> dict[str, float]:
 
 
 class Scale:
-    """What the end of the scale stands for, by the names in COLORS: `given`, in the legend's unit, or else what is
-    expected of the scene, raised if loads come to be higher."""
+    """The value at the top of the scale, by the names in COLORS: `given` by the scene, in the legend's unit, or else
+    estimated, and raised when loads exceed the estimate."""
 
     def __init__(self, scene: Scene, body: Body):
         scale = scene.camera.scale
@@ -50,11 +51,12 @@ class Scale:
         self.restart()
 
     def restart(self) -> None:
-        """Forget what was higher than expected: a new film begins."""
+        """Return to the initial estimate, for a new film."""
         self._most = dict(self._first)
 
     def of(self, name: str, load: np.ndarray, per: float = 1.0) -> float:
-        """Of loads (S,) now, none of them NaN, and those before; per: from loads to the legend's unit."""
+        """The top of the scale for the current loads (S,), none of them NaN, and all earlier ones; per: the factor from
+        loads to the legend's unit."""
         if self.given is not None:
             return self.given / per
         if len(load):

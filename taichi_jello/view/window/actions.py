@@ -16,10 +16,10 @@ Action = Callable[["Viewer"], Any]
 ZOOM = 1.15
 PUSH = 1.2  # m/s along the ground
 JUMP = 3.0  # m/s
-SCRUB = 30  # frames of a replay
+SCRUB = 30  # frames skipped in a replay
 WIND = 5.0  # m/s
 GRAVITY = 9.81  # m/s² if the scene has none
-FRAMING = 1.35  # distance of the eye over that at which the jello just fits
+FRAMING = 1.35  # camera distance, as a multiple of that at which the jello just fits
 
 
 def pause(viewer: "Viewer") -> None:
@@ -48,7 +48,7 @@ def next_show(viewer: "Viewer") -> None:
 
 
 def toggle_film(viewer: "Viewer") -> None:
-    """While filming, physics waits for each picture, so that none is missing."""
+    """Start or stop a film. While filming, physics waits for each picture, so that none is dropped."""
     if viewer.filming:
         viewer.notice = viewer.pictures.stop_film()
     else:
@@ -56,7 +56,7 @@ def toggle_film(viewer: "Viewer") -> None:
 
 
 def toggle(name: str) -> Action:
-    """Switch an attribute of the viewer."""
+    """An action that flips a boolean attribute of the viewer."""
     return lambda viewer: setattr(viewer, name, not getattr(viewer, name))
 
 
@@ -65,7 +65,7 @@ def switch_on(name: str) -> Action:
 
 
 def frame_jello(viewer: "Viewer") -> None:
-    """Turn the eye to the middle of the jellos, at a distance at which they fit the window."""
+    """Point the camera at the centre of the jellos, from a distance at which they fit the window."""
     x = viewer.simulation.snapshot().x
     view, aspect = viewer.viewpoint, viewer.size[0] / viewer.size[1]
     middle = 0.5 * (x.min(0) + x.max(0))
@@ -76,8 +76,8 @@ def frame_jello(viewer: "Viewer") -> None:
 
 
 def push(right: float, forward: float) -> Action:
-    """Push all jellos along the ground as the eye sees it. Right is one frame while paused; in a replay, right and left
-    scrub through it."""
+    """An action that pushes all jellos along the ground, in screen directions. While paused, Right advances one frame;
+    in a replay, Left and Right scrub."""
 
     def action(viewer: "Viewer") -> None:
         replay = viewer.replay
@@ -87,7 +87,7 @@ def push(right: float, forward: float) -> Action:
         elif viewer.paused and right > 0.0:
             viewer.step()
         elif viewer.paused:
-            viewer.notice = "paused: Space goes on"
+            viewer.notice = "paused: press Space to resume"
         else:
             across = viewer.viewpoint.axes()[0]
             viewer.simulation.push(PUSH * (right * across + forward * np.cross(UP, across)))
@@ -96,7 +96,7 @@ def push(right: float, forward: float) -> Action:
 
 
 def cycle(viewer: "Viewer", key: str, own: np.ndarray, names: tuple[str, str, str]) -> None:
-    """Tune the vector `key` to the next of `own`, its opposite and zero."""
+    """Cycle the vector `key` of the tuning: `own`, its opposite, zero."""
     now = float(np.dot(viewer.simulation.tuning.get(key, (0.0, 0.0, 0.0)), own))
     turn = 1 if now > 0.0 else 2 if now < 0.0 else 0
     vector = (own, -own, 0.0 * own)[turn]
@@ -114,7 +114,7 @@ def next_wind(viewer: "Viewer") -> None:
 
 
 def next_method(viewer: "Viewer") -> None:
-    """Methods without a safe step for the scene are skipped."""
+    """Switch to the next method that has a safe step for the scene."""
     names = list(schemes())
     now = names.index(viewer.simulation.method)
 
@@ -134,7 +134,7 @@ def next_method(viewer: "Viewer") -> None:
 
 
 def next_demo(viewer: "Viewer") -> None:
-    """A recording or a replay is of one scene and ends here."""
+    """Open the next demo. A recording or replay covers one scene only, so it ends here."""
 
     def change() -> None:
         try:
@@ -161,27 +161,27 @@ KEYS: dict[str, Action] = {
 }  # fmt: skip
 HELP = (
     ("drag the jello", "pull it; let go to throw it"),
-    ("Shift drag", "pull it up to you, push it away"),
-    ("drag beside it", "turn the view; right drag too"),
-    ("middle drag", "move the view"),
-    ("W S", "nearer, farther (no wheel)"),
+    ("Shift drag", "pull it closer, push it away"),
+    ("drag beside it", "orbit the camera; also right drag"),
+    ("middle drag", "pan the camera"),
+    ("W S", "zoom in, out (no wheel)"),
     ("F", "look at the jello"),
-    ("O", "the first view again"),
+    ("O", "reset the view"),
     ("left right up down", "push the jello"),
     ("J", "jump"),
-    ("G", "gravity: down, up, off"),
+    ("G", "gravity: up, off, down"),
     ("B", "wind: from left, from right, calm"),
-    ("Space", "pause, go on"),
-    ("right", "one frame, while paused"),
-    ("left right", "in a replay: back, on"),
-    ("R  BackSpace", "start again, in real time"),
+    ("Space", "pause, resume"),
+    ("right", "advance a frame while paused"),
+    ("left right", "in a replay: back, forward"),
+    ("R  BackSpace", "restart in real time"),
     ("M", "next method"),
     ("N", "next demo"),
-    ("Tab", "panel and energies"),
-    ("C", "what the color shows"),
+    ("Tab", "show or hide the panel"),
+    ("C", "next color mode"),
     ("K", "show: skin, springs, particles"),
     ("P", "save a picture"),
-    ("V", "film, end the film"),
+    ("V", "start or stop a film"),
     ("H", "this help"),
-    ("Esc", "leave"),
+    ("Esc", "quit"),
 )

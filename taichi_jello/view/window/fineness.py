@@ -1,17 +1,17 @@
-"""How finely the window's pictures are drawn: as finely as the time that the last ones took allows."""
+"""Adaptive resolution of the window: as fine as recent drawing times allow."""
 
-# (a side of the window over that of the drawn picture, samples): each has four times the samples of the one before.
+# (window size over picture size, antialiasing samples per side): each level has four times the samples of the last.
 LEVELS = ((2, 1), (1, 1), (1, 2))
 GROWTH = 4.0
-SLOWEST = 1.0 / 24.0  # s that a picture may take
-SPARE = 0.5  # of SLOWEST, that the finer level may be expected to take
-PATIENCE = 1.0  # s of drawing at a level before the next change
-SMOOTHING = 0.15  # weight of the last picture in the mean
+SLOWEST = 1.0 / 24.0  # s, the longest acceptable drawing time
+SPARE = 0.5  # of SLOWEST: switch to the finer level only if it should take less than this
+PATIENCE = 1.0  # s of drawing time at a level before the next change
+SMOOTHING = 0.15  # weight of the latest picture in the running mean
 
 
 class Fineness:
-    """level: of LEVELS, for pictures of something that moves. It falls when pictures take longer than SLOWEST, and
-    rises only when the finer ones are expected to take half as long: so it does not go to and fro."""
+    """level: the index in LEVELS for moving pictures. It drops when pictures take longer than SLOWEST. It rises only
+    when the finer level should take less than half of SLOWEST, so that it does not oscillate."""
 
     def __init__(self) -> None:
         self._set(1)
@@ -20,8 +20,8 @@ class Fineness:
         self.level, self._mean, self._spent, self._first = level, 0.0, 0.0, True
 
     def took(self, seconds: float) -> None:
-        """A picture at this level was drawn in that time. The first one does not count: it fills new buffers, and may
-        have been compiled."""
+        """Record the drawing time of a picture at this level. The first one does not count: it allocates buffers and
+        may include compilation."""
         if self._first:
             self._first = False
             return

@@ -1,4 +1,4 @@
-"""Measurements of a running simulation for the window: energies of the last seconds and the largest spring force."""
+"""Live measurements for the window: recent energies and the largest spring force."""
 
 import time
 from collections import deque
@@ -14,11 +14,11 @@ from taichi_jello.view.render.legend import MARGIN, TEXT, Sheet
 from taichi_jello.view.render.renderers import Run
 from taichi_jello.view.render.strokefont import text_width
 
-SPAN = 5.0  # s of the past that is kept
-REST_FACTOR = 10.0  # pause between two measurements of the force, over the time that one takes
+SPAN = 5.0  # s of history
+REST_FACTOR = 10.0  # pause between two force measurements, as a multiple of the duration of one
 ENERGIES = ("kinetic", "elastic", "gravity")
-COLORS = (palette.FORCE_RAMP[-1], palette.FAMILIES[0], palette.FAMILIES[2])  # of their curves
-PLOT, SCALE = (300.0, 120.0), 66.0  # of the axes and of their numbers, in pixels of a picture 720 rows high
+COLORS = (palette.FORCE_RAMP[-1], palette.FAMILIES[0], palette.FAMILIES[2])  # of the energy curves
+PLOT, SCALE = (300.0, 120.0), 66.0  # size of the plot, and width of its labels, in pixels of a picture 720 rows high
 
 
 class Gauges:
@@ -45,14 +45,14 @@ class Gauges:
         while now - self.past[0][0] > SPAN:
             self.past.popleft()
         start = time.perf_counter()
-        if start >= self._next:  # with many springs it takes longer than a picture
+        if start >= self._next:  # with many springs this takes longer than drawing
             self.force = largest_force(simulation, x, v)
             end = time.perf_counter()
             self._next = end + REST_FACTOR * (end - start)
 
 
 def largest_force(simulation: Run, x: np.ndarray, v: np.ndarray) -> float:
-    """Of all springs [N]."""
+    """The largest force of all springs [N]."""
     body, tuning = simulation.body, simulation.tuning
     if not len(body.springs):
         return 0.0
@@ -63,14 +63,14 @@ def largest_force(simulation: Run, x: np.ndarray, v: np.ndarray) -> float:
 
 
 def plot(sheet: Sheet, past: Sequence[tuple[float, ...]]) -> None:
-    """Draw the energies over time in the lower right corner, above the time."""
+    """Plot the energies over time in the lower right corner, above the clock."""
     s = min(sheet.scale, sheet.size[0] / 760.0)
     height, margin = 0.8 * TEXT * s, MARGIN * s
     width, tall = PLOT[0] * s, PLOT[1] * s
     right = sheet.size[0] - margin - 18.0 * s
     bottom = sheet.size[1] - MARGIN * sheet.scale - 3.0 * TEXT * sheet.scale - 12.0 * s
     left, top = right - width, bottom - tall
-    edge = left - SCALE * s  # of the numbers of the scale
+    edge = left - SCALE * s  # of the axis labels
     sheet.quad(edge - 8.0 * s, top - 36.0 * s, right - edge + 26.0 * s, tall + 64.0 * s, palette.PAPER)
     times, *energies = np.array(past, float).reshape(-1, 1 + len(ENERGIES)).T
     most = round_up(float(np.abs(energies).max(initial=1e-9)))

@@ -1,4 +1,4 @@
-"""What the window writes over the picture: legend, state, grabbed point, energies, culprit and help."""
+"""The overlay of the window: legend, status, grabbed point, energies, what diverged, and help."""
 
 from dataclasses import replace
 
@@ -16,12 +16,12 @@ from taichi_jello.view.window.viewer import Viewer
 ANGLES = np.linspace(0.0, 2.0 * np.pi, 25)
 CIRCLE = np.stack([np.cos(ANGLES), np.sin(ANGLES)], 1)
 CROSS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
-SMALL = 10.0  # height of a capital
-RIM = 0.34  # the width of a pale rim around letters over a picture, over the height of a capital
+SMALL = 10.0  # cap height of small text
+RIM = 0.34  # width of the pale outline around text, as a fraction of the cap height
 
 
 def overlay(viewer: Viewer) -> Sheet:
-    """The whole sheet for the viewer's window."""
+    """The complete overlay for the viewer's window."""
     sheet = legend(viewer.drawing.key, viewer.simulation.time, viewer.size)
     s = sheet.scale
     for k, words in enumerate((state(viewer), pace(viewer))):
@@ -36,7 +36,7 @@ def overlay(viewer: Viewer) -> Sheet:
         mark_grab(sheet, held, viewer.viewpoint)
     if viewer.culprit is not None:
         mark_culprit(sheet, viewer.culprit, viewer.simulation.snapshot().x, viewer.viewpoint)
-    # Readable over a jello of any colour.
+    # A pale outline keeps text readable over a jello of any colour.
     sheet.texts += [replace(text, pen=text.pen + RIM, rgb=palette.PAPER) for text in sheet.texts]
     if viewer.panelled:
         plot(sheet, viewer.gauges.past)
@@ -52,7 +52,7 @@ def write_title(sheet: Sheet, viewer: Viewer, below: str = "", rgb: np.ndarray =
 
 
 def state(viewer: Viewer) -> str:
-    """The method, the frame rate, and what is unusual."""
+    """The status line: method, frame rate, and whether it is filming, replaying, paused or unsafe."""
     words = f"{viewer.simulation.method}   {viewer.rate:.0f} fps" + ("   filming" if viewer.filming else "")
     if viewer.replay:
         words += f"   replay {viewer.replay.frames} / {viewer.replay.length}"
@@ -60,7 +60,7 @@ def state(viewer: Viewer) -> str:
 
 
 def pace(viewer: Viewer) -> str:
-    """How fast time runs, if not as fast as the clock: as asked for, or as the machine can."""
+    """The speed of time if it is not real time: requested slow or fast motion, or a machine that is too slow."""
     asked, speed = viewer.pace.scale, viewer.pace.speed
     words = []
     if asked != 1.0:
@@ -83,7 +83,7 @@ def mark_grab(sheet: Sheet, held: Held, viewpoint: Viewpoint) -> None:
 
 
 def mark_culprit(sheet: Sheet, culprit: Culprit, x: np.ndarray, viewpoint: Viewpoint) -> None:
-    """Mark what diverged, with the particles at x (N, 3) [m]: a spring as a thick line, a particle by a ring."""
+    """Mark what diverged, given all positions x (N, 3) [m]: a spring with a thick line, a particle with a ring."""
     s = sheet.scale
     sheet.text(culprit.words, MARGIN * s, 82.0 * s, SMALL * s, palette.ALARM)
     ends = viewpoint.project(x[list(culprit.particles)].astype(float), sheet.size)
@@ -93,14 +93,14 @@ def mark_culprit(sheet: Sheet, culprit: Culprit, x: np.ndarray, viewpoint: Viewp
 
 
 def draw_rimmed(sheet: Sheet, lines: list[np.ndarray], rim: float, width: float, rgb: np.ndarray) -> None:
-    """Lines with a pale rim, visible on any background."""
+    """Draw lines with a pale outline, visible on any background."""
     for wide, color in ((rim, palette.PAPER), (width, rgb)):
         for line in lines:
             sheet.line(line, wide * sheet.scale, color)
 
 
 def write_help(sheet: Sheet) -> None:
-    """All keys on a page in the middle."""
+    """Draw the list of all keys on a page in the middle."""
     s = min(sheet.scale, sheet.size[0] / 740.0, sheet.size[1] / 720.0)
     width, height = 700.0 * s, (len(HELP) * 26.0 + 36.0) * s
     x, y = (sheet.size[0] - width) / 2.0, (sheet.size[1] - height) / 2.0

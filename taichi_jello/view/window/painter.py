@@ -1,4 +1,4 @@
-"""The rasteriser's pictures in a window, and when they are drawn anew."""
+"""The rasteriser's pictures in a window, and when to redraw them."""
 
 import time
 
@@ -11,25 +11,25 @@ from taichi_jello.view.window.fineness import LEVELS, Fineness
 from taichi_jello.view.window.viewer import Viewer
 
 FINEST = len(LEVELS) - 1
-REST = 0.15  # s without a change, after which the picture is drawn with smooth edges
+REST = 0.15  # s without a change, after which the picture is redrawn with antialiasing
 
 
 class Painter:
-    """Draws what a viewer shows, by the kernels of pictures and films. What moves is drawn as finely as the time
-    allows, what stands still as finely as a shot, once."""
+    """Draws what a viewer shows, with the kernels that also draw pictures and films. A moving view is drawn as finely
+    as time allows; a still view is drawn once, as finely as by `jello shot`."""
 
     def __init__(self) -> None:
         self.fineness = Fineness()
         self.level = 0  # of the last picture
         self._moment: tuple[object, ...] = ()
-        self._image = np.zeros((1, 1), np.uint32)  # the last picture, and as large as the window with a sheet over it
+        self._image = np.zeros((1, 1), np.uint32)  # the last picture; _page: at window size, with the overlay
         self._page = np.zeros((1, 1), np.uint32)
         self._columns = [np.zeros((1, 1), np.uint32) for _ in range(2)]
         self._rasters: dict[int, Raster] = {}
-        self._since = 0.0  # when it was drawn
+        self._since = 0.0  # when the last picture was drawn [s]
 
     def draw(self, viewer: Viewer, finest: bool = False) -> None:
-        """Draw the viewer's picture, unless the last one is as good."""
+        """Draw the viewer's picture, unless the last one is still up to date and at least as fine."""
         now, moment = time.perf_counter(), viewer.moment()
         still = moment == self._moment
         level = FINEST if finest or (still and now - self._since > REST) else self.fineness.level
@@ -43,14 +43,14 @@ class Painter:
             self.fineness.took(self._since - now)
 
     def image(self, viewer: Viewer) -> np.ndarray:
-        """(height, width, 3) uint8: a copy of the last picture, or of a finer one if it is smaller than the window."""
+        """(height, width, 3) uint8: a copy of the last picture, redrawn at full resolution if that one was smaller."""
         if LEVELS[self.level][0] > 1:
             self.draw(viewer, finest=True)
         return rgb_of(self._image)
 
     def under(self, sheet: Sheet) -> np.ndarray:
-        """(columns, rows) uint32 in GGUI's layout, rows upwards: the last picture under a sheet as large as the window.
-        Reused in two calls."""
+        """(columns, rows) uint32 in GGUI's layout, rows upwards: the last picture with the overlay `sheet` on top, at
+        window size. The array is reused after two calls."""
         width, height = sheet.size
         if self._page.shape != (height, width):
             self._page = np.zeros((height, width), np.uint32)

@@ -1,4 +1,4 @@
-"""The panel of sliders, buttons and read-outs, made of GGUI's widgets."""
+"""The panel of sliders, buttons and readings, made of GGUI widgets."""
 
 from typing import Any
 
@@ -11,23 +11,23 @@ from taichi_jello.view.window import actions
 from taichi_jello.view.window.gauges import ENERGIES
 from taichi_jello.view.window.viewer import Viewer
 
-LEFT, TOP = 20.0, 75.0  # of its corner, in pixels of a window 720 rows high
-SETTLING_FRAMES = 4  # until a button that was released reports it
-SIZE = (430, 420)  # pixels: GGUI's letters are 13 pixels high in any window
+LEFT, TOP = 20.0, 75.0  # of the panel's corner, in pixels of a window 720 rows high
+SETTLING_FRAMES = 4  # frames that GGUI may take to report a released button
+SIZE = (430, 420)  # pixels: GGUI's font is 13 pixels high at any window size
 
 
 class Panel:
-    """rectangle: (left, top, right, bottom) [pixels] if it was drawn. GGUI does not report its own clicks: those inside
-    are the panel's. opened: the first size of the window [pixels]."""
+    """rectangle: (left, top, right, bottom) [pixels] while it is visible. GGUI does not say which clicks its widgets
+    used, so every click inside counts as the panel's. opened: the initial size of the window [pixels]."""
 
     def __init__(self, opened: tuple[int, int]):
-        self.opened = opened  # GGUI always takes fractions of it
+        self.opened = opened  # GGUI takes places as fractions of the initial size, even after a resize
         self.rectangle: tuple[float, float, float, float] | None = None
         self._pressed = self._used = False
         self._generation = self._settling = 0
 
     def takes(self, at: Pixel) -> bool:
-        """Whether a mouse button that goes down there is meant for the panel."""
+        """Whether a click at this place belongs to the panel."""
         if self.rectangle is None:
             return False
         left, top, right, bottom = self.rectangle
@@ -42,7 +42,7 @@ class Panel:
             self._pressed, self._settling = False, SETTLING_FRAMES
 
     def show(self, gui: Gui, viewer: Viewer) -> None:
-        """Draw the panel if it is wanted, and do what its widgets were used for."""
+        """Draw the panel if it is switched on, and apply what the user changed."""
         if not viewer.panelled or viewer.helping:
             self.rectangle = None
             return
@@ -51,7 +51,7 @@ class Panel:
         wide, tall = min(SIZE[0], width - 2.0 * LEFT), min(SIZE[1], height - top - 10.0)
         self.rectangle = (left, top, left + wide, top + tall)
         place = (left / self.opened[0], top / self.opened[1], wide / self.opened[0], tall / self.opened[1])
-        # GGUI keeps the place where a name was first shown: another size of the window needs another name.
+        # GGUI remembers the place of a panel by its name, so a new window size needs a new name.
         with gui.sub_window(f"jello##{width}x{height}-{self._generation}", *place):
             self._sliders(gui, viewer)
             self._buttons(gui, viewer)
@@ -59,12 +59,12 @@ class Panel:
         if self._settling:
             self._settling -= 1
             if not self._settling:
-                # A press that used no widget may have moved or folded the panel: a new name puts it back.
+                # A click that used no widget may have moved or collapsed the panel: a new name puts it back.
                 self._generation += not self._used
                 self._used = False
 
     def _slider(self, gui: Gui, words: str, key: str, value: float, low: float, high: float) -> float:
-        """The value that the person chose, or the old one. GGUI knows a slider by what follows ###."""
+        """The value that the user chose, or the old one. GGUI identifies a slider by the text after ###."""
         new = gui.slider_float(f"{words}###{key}", value, low, high)
         if np.float32(new) == np.float32(value):
             return value

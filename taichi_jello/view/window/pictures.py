@@ -1,4 +1,4 @@
-"""Pictures and films that a person makes in the window."""
+"""Pictures and films that the user saves from the window."""
 
 from pathlib import Path
 
@@ -13,10 +13,11 @@ FILM_RATE = 30  # frames a second
 
 
 class Pictures:
-    """Pictures and one film at a time, in `folder`, named after scene and time. Methods return messages."""
+    """Saves pictures, and one film at a time, in `folder`, named after the scene and its time. Methods return a message
+    for the user."""
 
     def __init__(self, folder: str | Path):
-        # Absolute: GGUI changes the working directory while it shows a picture, and films are written meanwhile.
+        # Absolute, because GGUI changes the working directory while it shows a picture, and a film may be written then.
         self.folder = Path(folder).resolve()
         self._film: Film | None = None
 
@@ -38,10 +39,10 @@ class Pictures:
             return f"no film: {error}"
         except OSError as error:
             return f"no film: {error.strerror or error}"
-        return f"filming {film.path.name}; V ends it"
+        return f"filming {film.path.name}; press V to stop"
 
     def stop_film(self) -> str:
-        """End the film, if there is one, and keep it."""
+        """Finish the film, if there is one."""
         film, self._film = self._film, None
         if film is None:
             return ""
@@ -53,15 +54,15 @@ class Pictures:
         return f"saved {film.path.name}: {counted(film.frames, 'frame')}" if film.kept else "nothing was filmed"
 
     def add(self, image: np.ndarray) -> str:
-        """Add a picture (height, width, 3) uint8 to the film, which ends if it cannot go on."""
+        """Add a picture (height, width, 3) uint8 to the film; the film ends if that fails."""
         if self._film is None:
             return ""
         width, height = self._film.size
         try:
             self._film.add(np.ascontiguousarray(image[:height, :width]))
-        except ValueError:  # another size
+        except ValueError:  # the size differs
             return f"the window changed its size: {self.stop_film()}"
-        except OSError:  # the disk is full
+        except OSError:  # for example, the disk is full
             return self.stop_film()
         return ""
 

@@ -15,7 +15,7 @@ from taichi_jello.view.window.viewer import Viewer
 
 
 def leave_on_signals(viewer: Viewer) -> dict[int, Any]:
-    """Make a closed terminal or a system shutdown end the window as Esc does. Returns the former handlers."""
+    """Quit as if by Esc when the terminal closes or the system shuts down. Returns the previous handlers."""
     if threading.current_thread() is not threading.main_thread():
         return {}
     numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
@@ -34,18 +34,18 @@ def play(
     make: Make = Simulation,
     renderer: str = "auto",
 ) -> None:
-    """Show a simulation in a window until Esc, its close button, or `seconds` of simulated time.
-    make: simulates the demos of N; folder: for pictures and films; renderer: auto, ggui or raster. A film that still
-    runs is ended, and a line printed.
-    Raises RuntimeProblem without a Vulkan driver or a screen."""
+    """Show a simulation in a window until the user quits or `seconds` of simulated time have passed.
+    make: creates the simulation of a demo, for the key N; folder: where pictures and films go; renderer: auto, ggui or
+    raster. A film that is still running is finished, and a message printed.
+    Raises RuntimeProblem without a Vulkan driver or a display."""
     viewer = Viewer(simulation, folder, make, size)
     screen = Screen(size, simulation.scene.title or "jello", viewer.keep, renderer)
     screen.write_alone(viewer, "compiling ...")
-    last: float | None = None  # None after work whose time does not count
+    last: float | None = None  # None after slow work, whose time does not count as simulated time
     handlers = leave_on_signals(viewer)
     try:
         viewer.update()
-        screen.show(viewer)  # compiles: its time does not count
+        screen.show(viewer)  # the first call compiles
         while screen.running and not viewer.leaving and (seconds is None or viewer.simulation.time < seconds):
             interrupt.look()
             screen.listen(viewer)

@@ -1,4 +1,4 @@
-"""The demos one after the other."""
+"""Steps through the demos."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +11,7 @@ Make = Callable[[Scene], Run]
 
 
 def scenes() -> list[Scene]:
-    """The demos that can be loaded here; some need packages that may be missing."""
+    """The demos that load; some need packages that may not be installed."""
     found = []
     for name in scenefiles.demos():
         try:
@@ -22,14 +22,16 @@ def scenes() -> list[Scene]:
 
 
 class Playlist:
-    """Simulations of the demos, from `make`. Each is made once, since Taichi frees no compiled code."""
+    """The simulations of the demos, created by `make`. Each is created only once, since Taichi never frees compiled
+    code."""
 
     def __init__(self, make: Make):
         self._make = make
-        self._made: dict[str, tuple[Run, str, dict[str, Any]]] = {}  # with the first method and tuning, by title
+        self._made: dict[str, tuple[Run, str, dict[str, Any]]] = {}  # by title, with the initial method and tuning
 
     def following(self, now: Scene) -> Run:
-        """The demo after the scene `now`, or the first; skips those that fail. Raises ValueError if none works."""
+        """The demo after the scene `now`, or the first one if `now` is no demo. Skips those that fail. Raises
+        ValueError if none works."""
         found = scenes()
         current = next((k for k, scene in enumerate(found) if scene.title == now.title), -1)
         for scene in found[current + 1 :] + found[: current + 1]:

@@ -20,10 +20,10 @@ BUTTONS = {ti.ui.LMB: "left", ti.ui.RMB: "right", ti.ui.MMB: "middle"}
 
 
 class Screen:
-    """One window of `size` (width, height) [pixels]. Raises RuntimeProblem if none can be opened. If the display goes
-    away, the process ends with one line, to which `keep` adds what it has saved. renderer: see `chosen`. With the
-    rasteriser GGUI shows the finished picture; its own drawing leaks up to a megabyte a frame on Mesa's software
-    driver."""
+    """One window of `size` (width, height) [pixels]. Raises RuntimeProblem if none can be opened. If the display is
+    lost, the process exits with a one-line message, to which `keep` adds what it saved. renderer: see `chosen`. With
+    the rasteriser, GGUI only displays the finished picture; GGUI's own drawing leaks up to a megabyte per frame on
+    Mesa's software driver."""
 
     def __init__(self, size: tuple[int, int], title: str, keep: Callable[[], str] = str, renderer: str = "auto"):
         require(window=True)
@@ -33,7 +33,7 @@ class Screen:
         self._renderer = Ggui(size, samples=1, window=True, title=title)
         self._window = self._renderer.window
         self._panel = Panel(size)
-        self._stale = 0  # calls of listen() that hear what was pressed during slow work
+        self._stale = 0  # calls of listen() that still receive keys pressed during slow work
 
     def _on_loss(self) -> str:
         self._renderer.remove_folder()
@@ -41,11 +41,11 @@ class Screen:
 
     @property
     def running(self) -> bool:
-        """False once the person has closed the window."""
+        """False once the user has closed the window."""
         return bool(self._window.running)
 
     def listen(self, viewer: Viewer) -> None:
-        """Pass on keys and mouse since the last call."""
+        """Pass key and mouse events since the last call to the viewer."""
         viewer.size = width, height = self._window.get_window_shape()
         right, up = self._window.get_cursor_pos()
         at = (right * width, (1.0 - up) * height)
@@ -57,7 +57,7 @@ class Screen:
                 viewer.handle_key(event.key)
             elif not self._panel.takes(at):
                 viewer.press(BUTTONS[event.key], at)
-        self._window.get_events(ti.ui.RELEASE)  # unused: a release may come before its press
+        self._window.get_events(ti.ui.RELEASE)  # discarded: GGUI may report a release before its press
         viewer.move(at, in_depth=self._window.is_pressed(ti.ui.SHIFT))
         for button, name in BUTTONS.items():
             if not self._window.is_pressed(button):
@@ -66,16 +66,16 @@ class Screen:
             self._panel.release()
 
     def forget_keys(self) -> None:
-        """Ignore what was pressed until now, but Esc: GGUI fetches it in the next show()."""
+        """Ignore keys pressed until now, except Esc. GGUI delivers them after the next show()."""
         self._stale = 2
 
     def show(self, viewer: Viewer) -> None:
-        """Draw the scene, the overlay and the panel. Saved pictures have the legend, but no overlay."""
+        """Draw the scene, the overlay and the panel. Saved pictures get the legend but not the rest of the overlay."""
         self._draw(viewer)
         if viewer.wants_picture or viewer.filming:
             if self._painter is None:
                 image = self._renderer.image()
-                self._draw(viewer)  # reading GGUI's picture back has ended it
+                self._draw(viewer)  # reading the picture back has ended GGUI's frame
             else:
                 image = self._painter.image(viewer)
             legend(viewer.drawing.key, viewer.simulation.time, viewer.size).stamp(image)
@@ -96,7 +96,7 @@ class Screen:
             self._painter.draw(viewer, finest=viewer.wants_picture)
 
     def write_alone(self, viewer: Viewer, words: str) -> None:
-        """Show the title and these words before anything is drawn."""
+        """Show only the title and a message, before the first picture is ready."""
         sheet = Sheet(viewer.size)
         sheet.quad(0.0, 0.0, *viewer.size, palette.SKY_LOW)
         write_title(sheet, viewer, words)

@@ -21,16 +21,17 @@ from taichi_jello.view.window.gauges import Gauges
 from taichi_jello.view.window.pictures import FILM_RATE, Pictures
 from taichi_jello.view.window.playlist import Make, Playlist
 
-PICK_DEPTH_TOLERANCE = 0.01  # m that a jello may be pressed into a collider and still be picked
-CLEARANCE = 0.05  # m between the floor and the eye
+PICK_DEPTH_TOLERANCE = 0.01  # m: a jello pressed this deep into a collider can still be picked
+CLEARANCE = 0.05  # m, least height of the camera above the floor
 NOTICE_SECONDS = 8.0
-ORBIT_RATE = 4.0  # rad for a drag over the window's height
-DIVERGED = "numbers went bad at particle {particle}: dt = {dt:.3g} s, safe dt = {safe_dt:.3g} s; R: start again"
+ORBIT_RATE = 4.0  # rad per drag of the window's height
+DIVERGED = "diverged at particle {particle}: dt = {dt:.3g} s, safe dt = {safe_dt:.3g} s; press R to restart"
 
 
 class Viewer:
-    """What the window shows of a simulation and what a person does to it; it knows nothing of GGUI.
-    size: (width, height) of the window [pixels]; grabbed (3,): where the mouse pulls a jello [m], if it does."""
+    """What the window shows of a simulation, and what the user does to it; independent of GGUI.
+    size: (width, height) of the window [pixels]; grabbed (3,): the point [m] to which the mouse pulls a jello, or
+    None."""
 
     def __init__(self, simulation: Run, folder: str | Path = ".", make: Make = Simulation, size: Size = (1280, 720)):
         self.pictures, self.size = Pictures(folder), size
@@ -67,17 +68,17 @@ class Viewer:
 
     @property
     def replay(self) -> Replayed | None:
-        """The simulation, if it repeats a recorded play, in which one can go back and forth."""
+        """The simulation if it is replaying a recording, which can be scrubbed back and forth; else None."""
         return self.simulation if isinstance(self.simulation, Replayed) and self.simulation.repeating else None
 
     @property
     def dt(self) -> float:
-        """The physics' own step [s], also if a replay steps by frames."""
+        """The step of the physics [s], even if a replay advances by whole frames."""
         return float(self.simulation.frame_dt / self.simulation.substeps)
 
     @property
     def unsafe(self) -> bool:
-        """Whether that step is beyond the safe one."""
+        """Whether this step exceeds the safe step."""
         return bool(self.dt > self.simulation.safe_dt * (1.0 + 1e-6))
 
     @property
@@ -90,8 +91,8 @@ class Viewer:
         return self.pictures.filming
 
     def handle_key(self, key: str) -> bool:
-        """Do what a key means; False if it means nothing. While work is pending, only Esc does. GGUI's names: " ", "r",
-        "Right"."""
+        """Perform the action of a key; False if it has none. While slow work is pending, only Esc works. Keys have
+        GGUI's names: " ", "r", "Right"."""
         action = KEYS.get(key.lower())
         if action is None or (self.waiting and action is not KEYS["escape"]):
             return False
@@ -104,7 +105,8 @@ class Viewer:
         return self._pending is not None
 
     def press(self, button: str, at: Pixel) -> None:
-        """A mouse button (left, right, middle) goes down: the left one grabs the jello there, else the view moves."""
+        """A mouse button (left, right, middle) was pressed: left on a jello grabs it, any other press moves the
+        view."""
         if self._button:
             return
         self._button, self._cursor = button, at
@@ -119,7 +121,7 @@ class Viewer:
                     self.notice = str(error)
 
     def _behind_collider(self, hit: Pick, at: Pixel) -> bool:
-        """Whether a collider, as last drawn, hides what was hit."""
+        """Whether a collider, as last drawn, hides the picked point."""
         surroundings = self.drawing.surroundings
         if surroundings is None or not len(surroundings.triangles.x):
             return False
@@ -130,7 +132,7 @@ class Viewer:
         return bool(near < far - PICK_DEPTH_TOLERANCE)
 
     def move(self, at: Pixel, in_depth: bool = False) -> None:
-        """The mouse has moved; in_depth: it pulls along the line of sight."""
+        """The mouse has moved; in_depth: vertical motion pulls along the line of sight."""
         right, up = (at[0] - self._cursor[0]) / self.size[1], (self._cursor[1] - at[1]) / self.size[1]
         self._cursor = at
         if not self._button or not (right or up):
@@ -142,7 +144,7 @@ class Viewer:
             self.drag(self._button, right, up)
 
     def release(self, button: str) -> None:
-        """A mouse button is up."""
+        """A mouse button was released."""
         if button == self._button:
             self._button = ""
             self.let_go()
@@ -154,7 +156,7 @@ class Viewer:
             self.grabbed = None
 
     def drag(self, button: str, right: float, up: float) -> None:
-        """Move the view: the mouse moved by these fractions of the window's height with `button` down."""
+        """Orbit or pan the camera after a drag by these fractions of the window's height with `button` held."""
         with self._above_floor():
             if button == "middle":
                 meters = 2.0 * self.viewpoint.distance * float(np.tan(np.radians(self.viewpoint.fov) / 2.0))
@@ -163,13 +165,13 @@ class Viewer:
                 self.viewpoint.orbit(-ORBIT_RATE * right, -ORBIT_RATE * up)
 
     def zoom(self, factor: float) -> None:
-        """Multiply the distance to the target."""
+        """Multiply the camera's distance to its target by `factor`."""
         with self._above_floor():
             self.viewpoint.zoom(factor)
 
     @contextlib.contextmanager
     def _above_floor(self) -> Iterator[None]:
-        """Keep an eye that is above a level floor there: from below the floor hides everything."""
+        """Keep a camera that is above a level floor above it: from below, the floor hides everything."""
         height = float(self.viewpoint.eye[1])
         floors = [level for collider in self.simulation.scene.collider if (level := collider.floor()) is not None]
         yield
@@ -177,7 +179,8 @@ class Viewer:
         self.viewpoint.eye[1] = max(self.viewpoint.eye[1], lowest)
 
     def advance(self, seconds: float) -> int:
-        """Let `seconds` since the last drawn frame pass (0: do not count). Returns the number of physics frames."""
+        """Advance by the `seconds` since the last drawn frame (0: not at all). Returns the number of physics frames
+        run."""
         if seconds > 0.0:
             self._frame_seconds += (seconds - self._frame_seconds) * (0.1 if self._frame_seconds else 1.0)
         if self.paused or seconds <= 0.0 or self._pending is not None:
@@ -196,13 +199,13 @@ class Viewer:
         return frames
 
     def step(self) -> None:
-        """One physics frame."""
+        """Run one physics frame."""
         if self._compiled():
             with self._pausing_at_the_end():
                 self.pace.frame(self.simulation)
 
     def _compiled(self) -> bool:
-        """Whether the method is compiled; if not, a notice and its first frame are now pending."""
+        """Whether the method is compiled. If not, schedule its first frame and show a notice."""
         if getattr(self.simulation, "compiled", True):
             return True
         notice = self.notice
@@ -217,7 +220,7 @@ class Viewer:
 
     @contextlib.contextmanager
     def _pausing_at_the_end(self) -> Iterator[None]:
-        """Pause if the numbers diverge or a replay ends."""
+        """Pause if the simulation diverges or a replay ends."""
         try:
             yield
         except Diverged as bad:
@@ -231,12 +234,12 @@ class Viewer:
 
     @property
     def culprit(self) -> Culprit | None:
-        """What made the numbers diverge, as long as the last good state is shown."""
+        """What made the simulation diverge, as long as the last good state is shown."""
         time, culprit = self._culprit
         return culprit if self.paused and self.simulation.time == time else None
 
     def tune(self, **numbers: Any) -> bool:
-        """Change numbers of the simulation's tuning; False, with a notice, if it refuses."""
+        """Change parameters of the simulation; False, with a notice, if it rejects them."""
         try:
             self.simulation.tune(**numbers)
         except ValueError as error:
@@ -245,11 +248,11 @@ class Viewer:
         return True
 
     def do_later(self, words: str, work: Callable[[], None]) -> None:
-        """Do slow work once these words are on the screen."""
+        """Run slow work after the message `words` has appeared."""
         self.notice, self._pending = words, work
 
     def do_pending(self) -> bool:
-        """Do the pending work; False if there is none."""
+        """Run the pending work; False if there is none."""
         work, self._pending = self._pending, None
         if work is not None:
             work()
@@ -258,7 +261,7 @@ class Viewer:
     def update(self) -> None:
         """Fill the drawing from the simulation's state."""
         if self._replayed and not self.replay:
-            self._replayed, self.notice = None, "the replay is left: a new run from here"
+            self._replayed, self.notice = None, "left the replay: a new run starts here"
         self.drawing.show(self.shown)
         if self.drawing.springs is not None:
             tuning = self.simulation.tuning
@@ -269,7 +272,7 @@ class Viewer:
             self.gauges.read(self.simulation, now.x, now.v)
 
     def moment(self) -> tuple[object, ...]:
-        """What the picture depends on since the last update: equal if nothing has changed."""
+        """All that the picture depends on, as of the last update: two equal values mean equal pictures."""
         now, view, tuning = self._now, self.viewpoint, self.simulation.tuning
         springs = tuning.get("stiffness"), tuning.get("damping")
         seen = view.eye.tobytes(), view.target.tobytes(), view.fov, self.size, self.color, self.shown
@@ -282,11 +285,11 @@ class Viewer:
         return "the replay is over" if self.replay else ""
 
     def keep(self) -> str:
-        """Save the film and the recording, if there are any, since the window is lost. Returns a message."""
+        """Save the film and the recording, if any, because the window is lost. Returns a message."""
         return "; ".join(filter(None, [self.pictures.stop_film(), self.end_recording()]))
 
     def take(self, image: np.ndarray) -> None:
-        """Save a picture of this moment (height, width, 3) uint8, if asked, and add it to a film."""
+        """Save this picture (height, width, 3) uint8 if one was requested, and add it to a running film."""
         if self.wants_picture:
             self.wants_picture = False
             self.notice = self.pictures.save(self.simulation, image)

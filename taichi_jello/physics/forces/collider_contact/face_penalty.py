@@ -1,4 +1,4 @@
-"""Contact of faces and edges with small colliders, which fit between the particles."""
+"""Contact of faces and edges with colliders small enough to slip between particles."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,14 +21,14 @@ from taichi_jello.physics.forces.springs.tearing import still_there
 from taichi_jello.physics.particles import Particles
 from taichi_jello.scene.description import Scene
 
-# What each form is called, where its faces are, and how points are put on these.
+# For each form: its title, its faces, and the function that puts points on them.
 FORMS = (("edge contact", Faces.bare, between_particles), ("skin edge contact", Faces.skins, between_skin_points))
 
 
 @ti.data_oriented
 class FaceContact(SkinContact):
-    """Contact as in SkinContact at a grid of points on faces and edges, with small colliders only: between particles
-    each in a triangle with three corners, between the points of a skin each in a cell."""
+    """Like SkinContact, but at a grid of points on faces and edges, and with small colliders only. Points between
+    particles depend on the three corners of a triangle, points on a skin on the eight corners of a cell."""
 
     title = "edge contact"
 
@@ -53,7 +53,7 @@ class FaceContact(SkinContact):
         return PointSweep(self, particles)
 
     def set_state(self, state: SpringState) -> None:
-        """Points on what is torn touch nothing (see tearing.py)."""
+        """Switch off the points on torn faces and cells (see tearing.py)."""
         if state.whole is not None:
             cells, faces = np.split(self.cells, [0 if self.width == 3 else len(self.cells)])
             whole = still_there(self.particles.body, state.whole, cells.reshape(-1, 8), faces.reshape(-1, 3))

@@ -1,4 +1,4 @@
-"""Continuous collision detection for points between particles, which share out what takes them back."""
+"""Continuous collision detection for points between particles; corrections are distributed to their corners."""
 
 from typing import Any
 
@@ -11,17 +11,18 @@ from taichi_jello.physics.particles import Particles
 
 @ti.data_oriented
 class PointSweep(Sweep):
-    """As Sweep, for the points of a SkinContact. A point moves by a vector b if its corners move by b w/Σw², the
-    shortest such ways. Each particle takes the largest of what the points around it want."""
+    """Like Sweep, for the points of a SkinContact. To move a point by b, its corners move by b w/Σw², the least-squares
+    smallest displacements that do. On each axis a particle takes the largest correction that its points request in
+    either direction, and adds the two."""
 
     def __init__(self, contact: Any, particles: Particles):
         super().__init__(contact, particles, np.ones(len(particles.body), bool))
-        # For each particle the largest and least way back, and the largest and least change of velocity.
+        # Per particle: the largest and the least displacement, and the largest and the least change of velocity.
         self.wanted = particles.memory.table(contact.title, "corrections", np.zeros((4 * len(particles.body), 3)))
 
     @ti.func
     def stop(self, system, first, last, x0, x, v, t, dt, drifted: ti.template()):
-        system.wait_for_team()  # until x and v of all particles are there
+        system.wait_for_team()  # until x and v of all particles are up to date
         begin, end = system.share_of(first, self.contact.points), system.share_of(last, self.contact.points)
         for cell in range(begin, ti.select(self.fast[0] + self.contact.deep[0] > 0, end, begin)):
             for q in range(self.contact.start[cell], self.contact.start[cell + 1]):
@@ -34,7 +35,7 @@ class PointSweep(Sweep):
                 if hit[3] <= 1.0:
                     back, push = self.correction(hit, before, after, u, time)
                     self.share_out(q, cell, back, push)
-        system.wait_for_team()  # until all are tested
+        system.wait_for_team()  # until all points are tested
         met = self.met[0]
         until = ti.select(met > 0, last, first)
         for i in range(first, until):
@@ -53,8 +54,8 @@ class PointSweep(Sweep):
 
     @ti.func
     def way_in(self, p, t):
-        """The nearest place on a surface that p is deep behind: one that others held back less than wanted may have
-        stayed in the core."""
+        """The nearest surface point if p is deep inside a collider, else p. A point may still be in the core if its
+        corners moved by less than it requested."""
         nearest = p
         for group in ti.static(self.groups):
             for r in range(group.start, group.stop):
@@ -65,7 +66,7 @@ class PointSweep(Sweep):
 
     @ti.func
     def share_out(self, q, cell, back, push):
-        """Note what a point wants of its corners, in long steps of its jello."""
+        """Distribute a point's correction to its corners; in long steps the displacement goes to its whole jello."""
         squares = ti.cast(0.0, float)
         for k in ti.static(range(self.contact.width)):
             squares += self.contact.weight(k, self.contact.skin[q]) ** 2

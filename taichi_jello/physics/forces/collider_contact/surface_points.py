@@ -1,7 +1,7 @@
-"""The points of a surface that touch colliders, each between particles (NumPy only).
+"""Extra contact points between particles (NumPy only).
 
-A collider that is small against the spacing of particles, or has a thin rim, fits between them. Where there is one,
-the triangles of a surface and the segments of a rope have a grid of points of their own.
+A collider smaller than the particle spacing, or one with a thin rim, could slip between particles. For such colliders
+the triangles of surfaces and the segments of ropes get a grid of extra contact points.
 """
 
 from collections.abc import Sequence
@@ -15,18 +15,18 @@ from taichi_jello.scene.body import CORNERS, Body
 from taichi_jello.scene.description import Scene
 from taichi_jello.shapes._skin import trilinear
 
-SMALL = 2.0  # sides of triangles: thinner colliders are small
+SMALL = 2.0  # triangle sides: a collider thinner than this counts as small
 HOLE = (
     0.5**1.5
-)  # of a collider's thickness: the core of a sphere of half its size does not fit between four such points
-MAX_PARTS = 5  # of a side
-TOGETHER = 9.0  # particles: how stiff all the points that a particle is in are together, at most
+)  # of a collider's thickness: point spacing at which a sphere's core, half as wide, cannot pass between four points
+MAX_PARTS = 5  # subdivisions of a side, at most
+TOGETHER = 9.0  # cap on the combined contact stiffness of all points that share a particle, relative to one particle
 
 
 @dataclass(frozen=True)
 class SurfacePoints:
-    """Each point is Σ weights · x[corners] (S, K), and stands for `share` (S,) of a particle. place (S, 3): what its
-    weights follow from: where it is along the sides of its cell, K = 8, or its weights in a triangle, K = 3."""
+    """Each point is Σ weights · x[corners] (S, K) and has the contact stiffness of `share` (S,) particles. place (S, 3)
+    determines the weights: its coordinates in its cell for K = 8, its barycentric weights in a triangle for K = 3."""
 
     corners: np.ndarray
     weights: np.ndarray
@@ -39,9 +39,9 @@ class SurfacePoints:
 
 @dataclass(frozen=True)
 class Faces:
-    """Triangles (T, 3) over points with rest positions (P, 3) [m]; a segment has its second point twice. jello (T,);
-    length (T,) [m] of the middle one of their sides: of a lattice the longest that is no diagonal; side (J,) [m]: the
-    longest of these in each jello, zero without any."""
+    """Triangles (T, 3) over points with rest positions (P, 3) [m]; a segment is a triangle with its second point
+    repeated. jello (T,): the jello of each. length (T,) [m]: the second longest side of each, on a lattice the longest
+    that is not a diagonal. side (J,) [m]: the largest such length in each jello, zero if it has no triangles."""
 
     rest: np.ndarray
     triangles: np.ndarray
@@ -59,7 +59,7 @@ class Faces:
 
     @classmethod
     def bare(cls, body: Body) -> "Faces":
-        """Between particles: surfaces without an embedded skin, and ropes."""
+        """The faces between particles: surfaces without an embedded skin, and ropes."""
         faces = body.bare_surface
         faces = faces[np.unique(np.sort(faces, 1), axis=0, return_index=True)[1]]  # one of a sheet's two sides
         threads = body.springs[(body.family == 0) & ~np.isin(body.jello, body.jello[body.surface])[body.springs[:, 0]]]
@@ -68,28 +68,29 @@ class Faces:
 
     @classmethod
     def skins(cls, body: Body) -> "Faces":
-        """Between the points of embedded skins."""
+        """The faces between the points of embedded skins."""
         return cls.of(body, body.skin_points(body.rest), body.skin, body.jello[body.skin_corners[body.skin[:, 0], 0]])
 
     def parts(self, collider: Sequence[Any]) -> np.ndarray:
-        """(J, C) into how many parts the sides of each jello need to be cut for each collider; 1 if it is not small."""
+        """(J, C): into how many parts each collider requires the sides of each jello to be cut; 1 if it is not
+        small."""
         thickness = np.array([each.thickness for each in collider])
         wanted = np.ceil(self.side[:, None] / (HOLE * thickness) - 1e-6)
         return np.where(thickness < SMALL * self.side[:, None], wanted, 1.0).astype(int)
 
     def parts_of_each(self, parts: np.ndarray, small: Sequence[Any]) -> np.ndarray:
-        """(T,) into how many parts the sides of each triangle are cut, in jellos cut into `parts` (J,): not at all if
-        it is itself small beside the `small` colliders."""
+        """(T,): into how many parts to cut the sides of each triangle, given `parts` (J,) for its jello. Triangles that
+        are already small compared to the `small` colliders are not cut."""
         least = min((each.thickness for each in small), default=np.inf)
         return np.where(self.length > HOLE * least, parts[self.jello], 1)
 
     def least_thickness(self) -> np.ndarray:
-        """(J,) [m] of a collider that does not fit between the points, however many there may be."""
+        """(J,) [m]: the least thickness of a collider that cannot slip between the points of the finest grid."""
         return self.side / (HOLE * MAX_PARTS)
 
     def grid(self, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Triangles (S,) and weights (S, 3) in them of the points of a regular grid, once each and without the corners,
-        the sides cut into parts (T,)."""
+        """The points of a regular grid with the sides cut into `parts` (T,): the triangle (S,) of each and its weights
+        (S, 3) there. Shared points appear once; corners are left out."""
         of, weights, keys = [np.zeros(0, int)], [np.zeros((0, 3))], [np.zeros((0, 6), int)]
         own, thread = parts, self.triangles[:, 1] == self.triangles[:, 2]
         for m in np.unique(own[own > 1]):
@@ -108,7 +109,7 @@ class Faces:
 
 
 def row_sums(mass: np.ndarray, corners: np.ndarray, weights: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """(N,) the row sums [1/kg] of M^-½ Wᵀ S W M^-½, of unit springs at points Σ weight · x[corner] with the weights
+    """(N,): the row sums [1/kg] of M^-½ Wᵀ S W M^-½ for unit springs at the points Σ weight · x[corner], with weights
     W (S, K) and shares S (S,)."""
     root = 1.0 / np.sqrt(mass)
     row = share[:, None] * weights * (weights * root[corners]).sum(1, keepdims=True)
@@ -117,26 +118,26 @@ def row_sums(mass: np.ndarray, corners: np.ndarray, weights: np.ndarray, share: 
 
 
 def steepest(mass: np.ndarray, corners: np.ndarray, weights: np.ndarray, share: np.ndarray) -> float:
-    """How stiff such springs can be, over mass [1/kg]: the matrix has no negative entry, so no eigenvalue exceeds its
-    largest row sum."""
+    """A bound on the eigenvalues of that matrix [1/kg]: it has no negative entry, so none exceeds the largest row
+    sum."""
     return float(row_sums(mass, corners, weights, share).max())
 
 
 def of_skin(body: Body) -> SurfacePoints:
-    """The points of embedded skins, in cells."""
+    """The points of embedded skins, each in its cell."""
     return SurfacePoints(body.skin_corners, body.skin_weights, shares(body), body.skin_weights @ CORNERS)
 
 
 def between_particles(body: Body, faces: Faces, parts: np.ndarray) -> SurfacePoints:
-    """The grid on bare faces."""
+    """The grid points on faces between particles."""
     triangle, weights = faces.grid(parts)
     share = np.minimum(1.0, TOGETHER / parts[triangle] ** 2.0)
     return SurfacePoints(faces.triangles[triangle].astype(np.int32), weights, share, weights)
 
 
 def between_skin_points(body: Body, faces: Faces, parts: np.ndarray) -> SurfacePoints:
-    """The grid on skins, each point embedded in the cell of one corner of its triangle, whichever it is least outside
-    of."""
+    """The grid points on embedded skins. Each is embedded in the cell of one of its triangle's corners: the one that
+    contains it, or that it lies least outside of."""
     triangle, weights = faces.grid(parts)
     cells = body.skin_corners[faces.triangles[triangle]]  # (S, 3, 8)
     low, size = body.rest[cells[..., 0]], body.rest[cells[..., 7]] - body.rest[cells[..., 0]]
@@ -147,13 +148,13 @@ def between_skin_points(body: Body, faces: Faces, parts: np.ndarray) -> SurfaceP
     share = np.minimum(1.0, TOGETHER * apart**2 / np.prod(size[best], 1) ** (2.0 / 3.0))
     corners, found = cells[best], trilinear(inside[best])
     most = TOGETHER * steepest(body.mass, body.skin_corners, body.skin_weights, shares(body))
-    sums = np.maximum(row_sums(body.mass, corners, found, share), most)[corners]  # light particles hold little
+    sums = np.maximum(row_sums(body.mass, corners, found, share), most)[corners]  # softer on light particles
     share = share * np.where(found > 0.0, most / sums, 1.0).min(1, initial=1.0)
     return SurfacePoints(corners, found, share, inside[best])
 
 
 def parts_wanted(scene: Scene, faces: Faces) -> tuple[np.ndarray, list[Any]]:
-    """(T,) into how many parts the sides of each triangle are cut, and the colliders that are small for some jello."""
+    """(T,): into how many parts to cut the sides of each triangle; and the colliders that are small for some jello."""
     parts = faces.parts(scene.collider)
     small = [each for each, most in zip(scene.collider, parts.max(0), strict=True) if most > 1]
     return faces.parts_of_each(np.minimum(parts.max(1, initial=1), MAX_PARTS), small), small
