@@ -16,9 +16,8 @@ from taichi_jello.scene.description import Scene
 from taichi_jello.shapes._skin import trilinear
 
 SMALL = 2.0  # triangle sides: a collider thinner than this counts as small
-HOLE = (
-    0.5**1.5
-)  # of a collider's thickness: point spacing at which a sphere's core, half as wide, cannot pass between four points
+# Of a collider's thickness: the point spacing at which a sphere's core, half as wide, cannot pass between four points.
+HOLE = 0.5**1.5
 MAX_PARTS = 5  # subdivisions of a side, at most
 TOGETHER = 9.0  # cap on the combined contact stiffness of all points that share a particle, relative to one particle
 

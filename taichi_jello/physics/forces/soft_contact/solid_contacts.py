@@ -141,9 +141,8 @@ class SolidContacts:
                     shortest, first = way[2 * k + up], 2 * k + up
         spacing, nearest = self.surface.spacing[self.surface.owner[e]], ti.cast(FAR, float)
         best, corners, weights = ti.cast(FAR, float), ti.Vector([0, 0, 0]), ti.Vector([0.0, 0.0, 0.0])
-        for attempt in range(
-            4
-        ):  # the opposite sides, over an edge, from middle to middle; then any side, for the share
+        # The opposite sides, over an edge, from middle to middle; then any side, for the share.
+        for attempt in range(4):
             sides, longest, limit = 63, ti.cast(0.5 * FAR, float), nearest
             if attempt == 0:
                 sides, longest = ti.select(shortest < FAR, 63 ^ same, 0), shortest + spacing

@@ -117,10 +117,8 @@ class ThinContacts:
         n = self._normal(q, corners, weights, distance, ti.select(ropes, COPLANAR * separation, COINCIDENT))
         outwards = self.contacts.difference(q, corners, weights, v).dot(n)
         contact = q * self.contacts.per_point + self.contacts.count[q]
-        self.contacts.share[contact], self.contacts.separation[contact] = (
-            ti.select(ropes, ROPE_PAIR_SHARE, 1.0),
-            separation,
-        )
+        self.contacts.share[contact] = ti.select(ropes, ROPE_PAIR_SHARE, 1.0)
+        self.contacts.separation[contact] = separation
         if ti.static(self.brakes):
             limit = BRAKED_AT * separation
             if ti.static(self.has_thin_pairs):
