@@ -29,10 +29,14 @@ MOMENTS = {
 FILM, RATE, LENGTH = (560, 315), 20, 3.0  # size [pixels], frames and seconds of cube.gif
 
 
-def shots(name: str) -> None:
+def opened(name: str, size: tuple[int, int]) -> tuple[Simulation, Pictures]:
     runtime.start()
     simulation = Simulation(sceneio.load(name))
-    camera = Pictures(simulation, (960, 540))
+    return simulation, Pictures(simulation, size)
+
+
+def shots(name: str) -> None:
+    simulation, camera = opened(name, (960, 540))
     for file, moment in MOMENTS[name].items():
         simulation.advance(moment - simulation.time)
         write_png(FOLDER / f"{file}.png", camera.take())
@@ -40,9 +44,7 @@ def shots(name: str) -> None:
 
 
 def film() -> None:
-    runtime.start()
-    simulation = Simulation(sceneio.load("cube"))
-    camera = Pictures(simulation, FILM)
+    simulation, camera = opened("cube", FILM)
     with Film(FOLDER / "cube.gif", FILM, RATE) as gif:
         clock = Clock(simulation, gif.rate)
         for frame in range(clock.frames(LENGTH)):

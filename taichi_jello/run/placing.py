@@ -18,8 +18,7 @@ SAMPLES = np.array([(i, j, 4 - i - j) for i in range(5) for j in range(5 - i)]) 
 def outline(body: Body) -> tuple[np.ndarray, np.ndarray]:
     """(n, 3) [m] the particles that collide and points of the surfaces, or of the springs of what has no surface, and
     (n,) the jello of each."""
-    bare = np.setdiff1d(body.jello, body.jello[body.surface])
-    threads = body.springs[np.isin(body.jello[body.springs[:, 0]], bare)]
+    threads = body.springs[np.isin(body.jello[body.springs[:, 0]], body.ropes)]
     faces = np.concatenate([body.bare_surface, np.repeat(threads, [1, 2], axis=1)])
     corners = np.concatenate([body.x[faces], body.skin_points(body.x)[body.skin]])
     owner = np.concatenate([body.jello[faces[:, 0]], body.jello[body.skin_corners[body.skin[:, 0], 0]]])

@@ -64,6 +64,17 @@ class Body:
         """(T, 3): triangles of `surface` of the jellos without an embedded skin."""
         return self.surface[~self.embedded[self.surface[:, 0]]]
 
+    @cached_property
+    def ropes(self) -> np.ndarray:
+        """The numbers of the jellos without a surface."""
+        return np.setdiff1d(self.jello, self.jello[self.surface])
+
+    @cached_property
+    def spacing(self) -> float:
+        """The median rest length [m] of structural springs, of all springs if there are none."""
+        near = self.rest_length[self.family == 0]
+        return float(np.median(near if len(near) else self.rest_length))
+
     def skin_points(self, x: np.ndarray) -> np.ndarray:
         """(V, 3) positions of the embedded skin's points for particles at x (N, 3)."""
         return np.einsum("vk,vkd->vd", self.skin_weights, x[self.skin_corners])

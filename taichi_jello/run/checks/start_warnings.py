@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 
-from taichi_jello.physics.forces.collider_contact.surface_points import Faces
+from taichi_jello.physics.forces.collider_contact.surface_points import Faces, any_finite
 from taichi_jello.physics.forces.contact_law import (
     LARGEST_SAG,
     as_a_bar,
@@ -67,8 +67,8 @@ def too_heavy(scene: Scene, body: Body) -> list[tuple[int, str]]:
         pair = f" on jello.{below}" if below >= 0 else ""
         more = f", {piles.carried[j]:.3g} kg of them on top of it," if piles.carried[j] > 0.0 else ""
         if depth > MAX_SINK * allowed:
-            told = f"{mass:.3g} kg{more} on contact springs of {k:g} N/m{' of both' * bool(pair)} sinks in by about"
-            found.append((j, f"jello.{j}{pair}: {told} {depth:.2g} m; {advice(k * depth / (ADVISED_SINK * allowed))}"))
+            words = f"{mass:.3g} kg{more} on contact springs of {k:g} N/m{' of both' * bool(pair)} sinks in by about"
+            found.append((j, f"jello.{j}{pair}: {words} {depth:.2g} m; {advice(k * depth / (ADVISED_SINK * allowed))}"))
         elif solid[both].all() and np.isfinite(piles.fall[j]):
             # The energy of the fall goes into the contact springs and the jellos' springs, in series.
             speed = -float(body.v[own].mean(0) @ np.array(scene.gravity)) / -weight
@@ -76,8 +76,8 @@ def too_heavy(scene: Scene, body: Body) -> list[tuple[int, str]]:
             together = 1.0 / (1.0 / (k * carrying) + (1.0 / stiff[both]).sum())
             deep = float(np.sqrt(2.0 * energy * together)) / (k * carrying)
             if deep > HALF * allowed:
-                told = f"falls {piles.fall[j]:.3g} m and sinks by about {deep:.2g} m into contact springs of {k:g} N/m"
-                found.append((j, f"jello.{j}{pair} {told}; {advice(k * (2.0 * deep / (HALF * allowed)) ** 2)}"))
+                words = f"falls {piles.fall[j]:.3g} m and sinks by about {deep:.2g} m into contact springs of {k:g} N/m"
+                found.append((j, f"jello.{j}{pair} {words}; {advice(k * (2.0 * deep / (HALF * allowed)) ** 2)}"))
     return found
 
 
@@ -92,10 +92,8 @@ def too_hard_pressed(scene: Scene, body: Body) -> list[tuple[int, str]]:
         force = squashed / (1.0 + 2.0 * stiff[j] / (k * points[j]))
         if (depth := force / (k * points[j])) > MAX_SINK * least[j]:
             pair = " and ".join(f"collider.{c}" for c in press.colliders)
-            words = (
-                f"jello.{j}: {pair} close to {press.gap:.3g} m around its {press.size:.3g} m and go into it by about"
-            )
-            words += f" {depth:.2g} m each, on contact springs of {k:g} N/m"
+            words = f"jello.{j}: {pair} close to {press.gap:.3g} m around its {press.size:.3g} m and go into it by"
+            words += f" about {depth:.2g} m each, on contact springs of {k:g} N/m"
             found.append((j, f"{words}; {advice(squashed / (MAX_SINK * least[j] * points[j]))}"))
     return found
 
@@ -106,7 +104,7 @@ def advice(stiffness: float) -> str:
 
 def on_thin_colliders(scene: Scene, body: Body) -> None:
     """Warn of colliders so small that they may slip between the points of a jello."""
-    if not scene.collider or scene.contact.stiffness == 0.0:
+    if not any_finite(scene.collider) or scene.contact.stiffness == 0.0:
         return
     thickness = np.array([each.thickness for each in scene.collider])
     thinnest = int(thickness.argmin())

@@ -25,19 +25,18 @@ class Watch:
     each pair in which one object is deeper than half the thickness of the other."""
 
     def __init__(self, scene: Scene, body: Body):
-        self.scene, self.body, self.told = scene, body, set[Key]()
+        self.scene, self.body, self.reported = scene, body, set[Key]()
         volume = np.array([jello.volume for jello in scene.jello])
         self.cells = body.cells[volume[body.jello[body.cells[:, 0]]] == 0.0]
-        self.owner, self.least = body.jello[body.cells[:, 0]], least_extents(body)
-        self.solid = np.unique(self.owner)
-        self.cells_of = {int(j): body.cells[self.owner == j] for j in self.solid}
+        self.least, owner = least_extents(body), body.jello[body.cells[:, 0]]
+        self.cells_of = {int(j): body.cells[owner == j] for j in np.unique(owner)}
         self.points_of = {j: np.flatnonzero((body.jello == j) & body.inside) for j in self.cells_of}
         self.surface_of = {j: body.surface[body.jello[body.surface[:, 0]] == j] for j in self.cells_of}
         self.touches = scene.contact.stiffness != 0.0
         self.turned = np.zeros(len(self.cells))  # s for which each cell has been seen inverted
         self.last = 0.0
         if self.touches:
-            self.told |= {key for key, _ in self._passed(0.0, body.x)}  # it may be meant to be there
+            self.reported |= {key for key, _ in self._passed(0.0, body.x)}  # it may be meant to be there
 
     def due(self, time: float) -> bool:
         """Whether a check is due. After a jump back in time the interval starts again."""
@@ -53,8 +52,8 @@ class Watch:
         if self.touches:
             found += self._passed(time, x)
         for key, words in found:
-            if key not in self.told:
-                self.told.add(key)
+            if key not in self.reported:
+                self.reported.add(key)
                 warnings.warn(words, SceneWarning, stacklevel=4)
 
     def _inside_out(self, passed: float, x: np.ndarray, whole: np.ndarray | None) -> Iterator[Found]:
@@ -76,10 +75,10 @@ class Watch:
             deep += [c for c in range(len(depth)) if self._holds(j, c, time, x, box)]
             for c in deep:
                 who = f"collider.{c}, a {self.scene.collider[c].type},"
-                yield ("collider", j, c), told(time, who, j)
+                yield ("collider", j, c), message(time, who, j)
             for k in self.points_of if self.scene.contact.touch else ():
                 if k != j and self._holds_middle(j, k, x, box):
-                    yield ("jello", min(j, k), max(j, k)), told(time, f"jello.{k}", j)
+                    yield ("jello", min(j, k), max(j, k)), message(time, f"jello.{k}", j)
 
     def _holds(self, j: int, c: int, time: float, x: np.ndarray, box: tuple[np.ndarray, np.ndarray]) -> bool:
         """Whether a point of a finite collider is more than halfway from the surface of jello j to its middle."""
@@ -102,12 +101,12 @@ class Watch:
         return all(in_cells(middle[None], x, self.cells_of[one])[0] for one in (j, k))
 
 
-def told(time: float, who: str, jello: int) -> str:
+def message(time: float, who: str, jello: int) -> str:
     return f"at {time:.3g} s {who} is more than halfway in jello.{jello}: a larger contact.stiffness holds more"
 
 
 def turned_over(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """(C,) bool: which cells have a negative volume (see volume.py)."""
+    """(C,) bool: which cells have a negative volume. The signs of `volumes`, in less than half of its time."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (SIGNS.T.astype(x.dtype) @ x[cells]).transpose(1, 2, 0)
     negative: np.ndarray = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx) < 0.0
     return negative

@@ -158,18 +158,18 @@ class Strokes:
         if springs is not None:
             lines, count = springs.lines, len(springs.lines.x) // 2
             body, first = drawing.body, springs.pairs[:count, 0]
-            rope = np.isin(body.jello[first], ropes(body))
+            rope = np.isin(body.jello[first], body.ropes)
             # Of a body with an embedded skin no spring lies in the surface: all would be a cage inside.
             shown = np.ones(count, bool) if springs.everything or not visible else ~body.embedded[first]
             shown &= ~rope & bool(drawing.spring_lines)
-            radius, rgb = np.array([ROD * typical(body), THICKEST]), lines.rgb[0::2]
+            radius, rgb = np.array([ROD * body.spacing, THICKEST]), lines.rgb[0::2]
             pairs = np.arange(2 * count, dtype=np.int32).reshape(-1, 2)
             parts.append(cls(lines.x, pairs[shown], np.tile(radius, (shown.sum(), 1)), rgb[shown]))
             if rope.any():
                 tube = rope & (springs.families[:count] != BEND)
                 own = np.array([palette.skin(jello, number) for number, jello in enumerate(drawing.scene.jello)])
                 rgb = rgb[tube] if drawing.spring_lines else own[body.jello[first[tube]]]
-                radius = np.array([ROPE * typical(body), ROPE_THICKEST])
+                radius = np.array([ROPE * body.spacing, ROPE_THICKEST])
                 parts.append(cls(lines.x, pairs[tube], np.tile(radius, (tube.sum(), 1)), rgb))
         dots = drawing.dots
         if dots is not None and not visible:
@@ -184,17 +184,6 @@ class Strokes:
         )
 
 
-def typical(body: Body) -> float:
-    """The median length [m] of structural springs."""
-    near = body.rest_length[body.family == 0]
-    return float(np.median(near if len(near) else body.rest_length))
-
-
-def ropes(body: Body) -> np.ndarray:
-    """The numbers of the jellos without a skin: their springs are drawn as tubes."""
-    return np.setdiff1d(body.jello, body.jello[body.surface])
-
-
 Casters = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -206,11 +195,11 @@ def casters_of(drawing: Drawing, gels: Gels | None, studio: np.ndarray) -> Caste
     body, count = drawing.body, 0 if gels is None else len(gels.absorption)
     x, faces, kind = gels.casters(drawing) if gels is not None else (np.zeros((0, 3), np.float32), *NO_FACES)
     absorption = gels.absorption if gels is not None else np.zeros((0, 3), np.float32)
-    if drawing.springs is not None and len(names := ropes(body)):
-        tube = np.isin(body.jello[body.springs[:, 0]], names) & (body.family != BEND)
+    if drawing.springs is not None and len(body.ropes):
+        tube = np.isin(body.jello[body.springs[:, 0]], body.ropes) & (body.family != BEND)
         a, b = (drawing.points[end] for end in body.springs[tube].T)
         across = np.cross(b - a, [BEAM[0], -1.0, BEAM[1]])
-        across *= BROAD * ROPE * typical(body) / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+        across *= BROAD * ROPE * body.spacing / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
         ribbon = np.stack([a - across, a + across, b + across, b - across], 1).reshape(-1, 3)
         corners = len(x) + np.arange(len(ribbon)).reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
         x = np.concatenate([x, ribbon]).astype(np.float32)

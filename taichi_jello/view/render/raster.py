@@ -67,7 +67,7 @@ class Raster:
         self.picture, self._table = np.zeros(shape, np.uint32), develop.srgb_table()
         self._drawing: Drawing | None = None
         self._gels: Gels | None = None
-        self._studio, self._floor = np.zeros((6, 3), np.float32), 0.0
+        self._studio, self._floor = np.zeros((10, 3), np.float32), 0.0
         self._shadow = Shadow(1.0, 1.0)
         self._changed = np.array([[0, 0], size])
 

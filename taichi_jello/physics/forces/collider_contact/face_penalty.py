@@ -12,6 +12,7 @@ from taichi_jello.physics.forces.collider_contact.skin_penalty import SkinContac
 from taichi_jello.physics.forces.collider_contact.surface_points import (
     Faces,
     SurfacePoints,
+    any_finite,
     between_particles,
     between_skin_points,
     parts_wanted,
@@ -39,7 +40,7 @@ class FaceContact(SkinContact):
 
     @classmethod
     def made_for(cls, scene: Scene, particles: Particles) -> list[PenaltyContact]:
-        if not scene.collider or scene.contact.stiffness == 0.0:
+        if not any_finite(scene.collider) or scene.contact.stiffness == 0.0:
             return []
         made: list[PenaltyContact] = []
         for title, faces_of, points_on in FORMS:

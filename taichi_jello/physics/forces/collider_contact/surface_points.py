@@ -61,7 +61,7 @@ class Faces:
         """The faces between particles: surfaces without an embedded skin, and ropes."""
         faces = body.bare_surface
         faces = faces[np.unique(np.sort(faces, 1), axis=0, return_index=True)[1]]  # one of a sheet's two sides
-        threads = body.springs[(body.family == 0) & ~np.isin(body.jello, body.jello[body.surface])[body.springs[:, 0]]]
+        threads = body.springs[(body.family == 0) & np.isin(body.jello[body.springs[:, 0]], body.ropes)]
         triangles = np.concatenate([faces, np.repeat(threads, [1, 2], axis=1)])
         return cls.of(body, body.rest, triangles, body.jello[triangles[:, 0]])
 
@@ -77,12 +77,6 @@ class Faces:
         wanted = np.ceil(self.side[:, None] / (HOLE * thickness) - 1e-6)
         return np.where(thickness < SMALL * self.side[:, None], wanted, 1.0).astype(int)
 
-    def parts_of_each(self, parts: np.ndarray, small: Sequence[Any]) -> np.ndarray:
-        """(T,): into how many parts to cut the sides of each triangle, given `parts` (J,) for its jello. Triangles that
-        are already small compared to the `small` colliders are not cut."""
-        least = min((each.thickness for each in small), default=np.inf)
-        return np.where(self.length > HOLE * least, parts[self.jello], 1)
-
     def least_thickness(self) -> np.ndarray:
         """(J,) [m]: the least thickness of a collider that cannot slip between the points of the finest grid."""
         return self.side / (HOLE * MAX_PARTS)
@@ -91,12 +85,12 @@ class Faces:
         """The points of a regular grid with the sides cut into `parts` (T,): the triangle (S,) of each and its weights
         (S, 3) there. Shared points appear once; corners are left out."""
         of, weights, keys = [np.zeros(0, int)], [np.zeros((0, 3))], [np.zeros((0, 6), int)]
-        own, thread = parts, self.triangles[:, 1] == self.triangles[:, 2]
-        for m in np.unique(own[own > 1]):
+        thread = self.triangles[:, 1] == self.triangles[:, 2]
+        for m in np.unique(parts[parts > 1]):
             steps = np.array([(m - j - k, j, k) for j in range(m + 1) for k in range(m + 1 - j)])
             steps = steps[steps.max(1) < m]
             for which, some in ((~thread, steps), (thread, steps[steps[:, 2] == 0])):
-                triangles = np.flatnonzero(which & (own == m))
+                triangles = np.flatnonzero(which & (parts == m))
                 of.append(np.repeat(triangles, len(some)))
                 step = np.tile(some, (len(triangles), 1))
                 weights.append(step / m)
@@ -152,8 +146,16 @@ def between_skin_points(body: Body, faces: Faces, parts: np.ndarray) -> SurfaceP
     return SurfacePoints(corners, found, share, inside[best])
 
 
+def any_finite(collider: Sequence[Any]) -> bool:
+    """Whether any collider may be small: a plane and a room never are."""
+    return any(np.isfinite(each.thickness) for each in collider)
+
+
 def parts_wanted(scene: Scene, faces: Faces) -> tuple[np.ndarray, list[Any]]:
-    """(T,): into how many parts to cut the sides of each triangle; and the colliders that are small for some jello."""
+    """(T,): into how many parts to cut the sides of each triangle; and the colliders that are small for some jello.
+    Triangles that are already small compared to these are not cut."""
     parts = faces.parts(scene.collider)
     small = [each for each, most in zip(scene.collider, parts.max(0), strict=True) if most > 1]
-    return faces.parts_of_each(np.minimum(parts.max(1, initial=1), MAX_PARTS), small), small
+    least = min((each.thickness for each in small), default=np.inf)
+    of_jello = np.minimum(parts.max(1, initial=1), MAX_PARTS)
+    return np.where(faces.length > HOLE * least, of_jello[faces.jello], 1), small

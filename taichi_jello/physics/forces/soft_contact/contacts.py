@@ -13,11 +13,10 @@ ROPE_PAIR_SHARE = 0.5  # of a whole contact of two ropes: where these cross they
 
 @ti.data_oriented
 class Contacts:
-    """Point q has count[q] contacts from per_point · q on, each with the place Σ weight · corner on the
-    surface of another jello: along `normal` the two are to be `separation` [m] apart. Of two ropes it may be a place
-    between the point and the next one on its rope that touches: the third corner is that next one, with a weight less
-    than 0, and the point's own weight is the sum of all three. share: the part of the full stiffness that a contact
-    has.
+    """Point q has count[q] contacts from per_point · q on, each with the place Σ weight · corner on the surface of
+    another jello: along `normal` the two are to be `separation` [m] apart. Of two ropes it may be a place between the
+    point and the next one on its rope that touches: the third corner is that next one, with a weight less than 0, and
+    the point's own weight is the sum of all three. share: the part of the full stiffness that a contact has.
 
     Point q has the weight weight_in[k] in the contact pressing[k], for the pressing_count[q] numbers k from
     pressing_start[q] on, in ascending order of contacts. It is that in its own contacts, less that of a corner.

@@ -86,8 +86,8 @@ def compose(
     last: ti.i32,
 ):
     """Lay the strokes over the scene and add `part` of the toned picture to `mean`, or begin it at a part below zero;
-    with the last sample, write the image by the `srgb_table`. A stroke in the linear colour
-    `rgb` is hidden behind `solid` and fades by `fade` [1/m] the deeper it lies below `tops`."""
+    with the last sample, write the image by the `srgb_table`. A stroke in the linear colour `rgb` is hidden behind
+    `solid` and fades by `fade` [1/m] the deeper it lies below `tops`."""
     ti.loop_config(block_dim=8)
     for y in range(box[0, 1], box[1, 1]):
         for x in range(box[0, 0], box[1, 0]):

@@ -7,6 +7,7 @@ import taichi as ti
 from taichi_jello.view.drawing.rows import Array2, Image, vec3
 from taichi_jello.view.render.legend import Line, Sheet, Text
 from taichi_jello.view.render.pixels.develop import packed
+from taichi_jello.view.render.pixels.strokes import from_segment
 
 
 @ti.func
@@ -42,9 +43,8 @@ def ink(quads: Array2, strokes: Array2, image: Image):
                 last = int(ti.math.clamp(ti.max(a[0], b[0]) + reach + 1.0, 0.0, float(image.shape[1])))
                 run = b - a
                 for x in range(first, last):
-                    p = ti.Vector([x + 0.5, middle]) - a
-                    along = ti.math.clamp(p.dot(run) / ti.max(run.dot(run), 1e-9), 0.0, 1.0)
-                    cover = ti.math.clamp(reach - (p - along * run).norm(), 0.0, 1.0)
+                    distance, _along = from_segment(a, run, x + 0.5, middle)
+                    cover = ti.math.clamp(reach - distance, 0.0, 1.0)
                     if cover > 0.0:
                         blend(image, y, x, vec3(strokes[s, 5], strokes[s, 6], strokes[s, 7]), cover)
 

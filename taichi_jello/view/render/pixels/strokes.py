@@ -14,13 +14,20 @@ THINNEST = 0.5  # pixels of radius
 
 
 @ti.func
+def from_segment(a, run, column, line):
+    """(distance [pixels], place along it, 0 to 1) of a point on the screen and the segment from a by `run`."""
+    p = ti.Vector([column, line]) - a
+    along = ti.math.clamp(p.dot(run) / ti.max(run.dot(run), 1e-9), 0.0, 1.0)
+    return (p - along * run).norm(), along
+
+
+@ti.func
 def across(a, run, thick, column, line):
     """For a point on the screen and a segment from a by `run`: (distance from the middle line in radii, radius
     [pixels], place along it, 0 to 1). thick: the radius at either end."""
-    p = ti.Vector([column, line]) - a
-    along = ti.math.clamp(p.dot(run) / ti.max(run.dot(run), 1e-9), 0.0, 1.0)
+    distance, along = from_segment(a, run, column, line)
     radius = ti.math.mix(thick[0], thick[1], along)
-    return vec3((p - along * run).norm() / radius, radius, along)
+    return vec3(distance / radius, radius, along)
 
 
 @ti.func
