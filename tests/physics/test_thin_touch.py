@@ -41,7 +41,7 @@ def test_sheets_in_one_plane_leave_it_by_two_sides(sheets, shift):
 def test_ropes_in_one_line_leave_it_by_two_sides():
     ropes = [Rope(points=8, length=1.0), Rope(points=8, length=1.0, position=(0.5, 0.0, 0.0))]
     simulation = Simulation(Scene(**WEIGHTLESS, jello=ropes), method="rk4")
-    with pytest.warns(SceneWarning, match="nearer to a sheet or rope than these are thick"):
+    with pytest.warns(SceneWarning, match="closer to a sheet or rope than its thickness"):
         simulation.advance(0.5)
     first = simulation.body.jello == 0
     assert simulation.energies()["contact"] == 0.0
