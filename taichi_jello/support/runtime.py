@@ -178,11 +178,11 @@ def compiling_in_half_the_time() -> Iterator[None]:
     """Within, kernels are compiled without Taichi's own optimisation, which takes most of the compile time of large
     kernels."""
     config = ti.lang.impl.get_runtime().prog.config()
-    config.advanced_optimization = False
+    before, config.advanced_optimization = config.advanced_optimization, False
     try:
         yield
     finally:
-        config.advanced_optimization = True
+        config.advanced_optimization = before
 
 
 def current() -> Runtime:
