@@ -8,16 +8,18 @@ import warnings
 
 import pytest
 
-# Kernels compile in half the time without Taichi's own optimisation (LLVM's stays), and run some 14 % slower. Set
-# TI_ADVANCED_OPTIMIZATION=1 to test them as users get them.
-os.environ.setdefault("TI_ADVANCED_OPTIMIZATION", "0")
-
 from taichi_jello.app import cli
 from taichi_jello.physics.integrators import schemes
 from taichi_jello.support import runtime
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what it runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure():
+    """Kernels compile in half the time without Taichi's own optimisation (LLVM's stays), and run some 14 % slower. Set
+    TI_ADVANCED_OPTIMIZATION=1 to test them as users get them."""
+    os.environ.setdefault("TI_ADVANCED_OPTIMIZATION", "0")
 
 
 def pytest_addoption(parser):
